@@ -1,0 +1,31 @@
+"""The rig description: one TOML file that says what the mechanism is and what reads it."""
+
+from recordings.rig.instruments import CanPort, Channel, Device, SerialPort
+from recordings.rig.mechanism import FREEDOMS, Joint, PlatformMechanism, SerialMechanism
+from recordings.rig.parameters import Parameter, parameters
+from recordings.rig.plan import Plan, Visit, visits
+from recordings.rig.quantity import Quantity, Range
+from recordings.rig.rig import Rig, bundled_rigs, load_rig, parse_rig, rig_text
+
+__all__ = [
+    "FREEDOMS",
+    "CanPort",
+    "Channel",
+    "Device",
+    "Joint",
+    "Parameter",
+    "Plan",
+    "PlatformMechanism",
+    "Quantity",
+    "Range",
+    "Rig",
+    "SerialMechanism",
+    "SerialPort",
+    "Visit",
+    "bundled_rigs",
+    "load_rig",
+    "parameters",
+    "parse_rig",
+    "rig_text",
+    "visits",
+]

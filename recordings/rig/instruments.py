@@ -1,0 +1,80 @@
+"""What reads the mechanism: ports (a bus or a line), devices on them, channels they deliver.
+
+Options that only one driver understands stay a plain table here; the driver checks them
+(`drivers.registry`), so that drivers can be added without touching the rig schema.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Literal
+
+from pydantic import model_validator
+
+from recordings.rig.quantity import COORDINATE, GAIN, Described, Quantity, fail
+
+
+class CanPort(Described):
+    """A CAN bus, through any interface that python-can knows (slcan, socketcan, virtual, ...)."""
+
+    kind: Literal["can"]
+    name: str
+    interface: str
+    channel: str
+    bitrate: int = 1_000_000
+    options: dict[str, Any] = {}
+
+
+class SerialPort(Described):
+    """A serial line, by path or by any URL that pyserial knows."""
+
+    kind: Literal["serial"]
+    name: str
+    path: str
+    baudrate: int = 115_200
+    parity: Literal["N", "E", "O"] = "N"
+    stopbits: int = 1
+
+
+class Device(Described):
+    """One device: the driver that speaks its protocol, the port it is on, that driver's options."""
+
+    name: str
+    driver: str
+    port: str
+    joint: str | None = None
+    options: dict[str, Any] = {}
+
+
+class Channel(Described):
+    """One sensor: raw counts, and what they mean.
+
+    value = gain * (counts - zero_count) + offset, in rad or m. ``modulus_counts`` says that
+    the counter wraps; counts are then taken in [zero - modulus/2, zero + modulus/2).
+    ``noise`` is the standard deviation expected of one sample, in counts; a solve uses the
+    noise that it measures.
+    """
+
+    quantities: ClassVar[dict[str, tuple[str, ...]]] = {
+        "gain": GAIN,
+        "offset": COORDINATE,
+        "noise": ("counts",),
+    }
+
+    name: str
+    senses: str
+    device: str | None = None
+    signal: str | int | None = None
+    gain: Quantity
+    offset: Quantity = Quantity()
+    zero_count: int = 0
+    count_range: tuple[int, int] | None = None
+    modulus_counts: int | None = None
+    noise: float = 0.0
+
+    @model_validator(mode="after")
+    def _counts_make_sense(self) -> Channel:
+        if self.count_range is not None and not self.count_range[0] < self.count_range[1]:
+            raise fail(f"channel '{self.name}': count_range must be [lowest, highest]")
+        if self.modulus_counts is not None and self.modulus_counts <= 1:
+            raise fail(f"channel '{self.name}': modulus_counts is {self.modulus_counts}, expected above 1")
+        return self
