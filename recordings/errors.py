@@ -9,16 +9,16 @@ class RecordingsError(Exception):
 
 
 class RigError(RecordingsError):
-    """A rig description is not valid; the message names each key, what was found and what is allowed."""
+    """A rig description is not valid; names each key, what was found and what is allowed."""
 
 
 class RecordingError(RecordingsError):
     """A recording cannot be written or read."""
 
 
-class NotARecording(RecordingError):
+class NotARecording(RecordingError):  # noqa: N818 - says what it is
     """The file is not a loopcal recording (foreign, empty, or not MCAP at all)."""
 
 
-class DamagedRecording(RecordingError):
+class DamagedRecording(RecordingError):  # noqa: N818 - says what it is
     """The file is a recording, but it ends early or holds damaged parts."""

@@ -79,7 +79,10 @@ class ModeReport:
 
 @dataclass(frozen=True, slots=True)
 class Dwell:
-    """The mechanism stood still from ``start_ns`` to ``end_ns``, at visit ``visit`` of pose ``pose``."""
+    """The mechanism stood still from ``start_ns`` to ``end_ns``.
+
+    It was visit number ``visit`` (from 0) of pose number ``pose``.
+    """
 
     time_ns: int
     start_ns: int
@@ -98,7 +101,10 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something went wrong at ``source`` (a port, device or channel): ``kind`` is one word, ``text`` a sentence."""
+    """Something went wrong at ``source``, a port, device or channel.
+
+    ``kind`` is one word, ``text`` a sentence.
+    """
 
     time_ns: int
     source: str
@@ -137,7 +143,9 @@ class LedgerEntry:
     @property
     def unaccounted(self) -> int:
         """Readings that neither arrived nor are explained; 0 in a whole ledger."""
-        explained = self.received + self.dropped_by_device + self.dropped_by_host + self.lost_in_gaps
+        explained = (
+            self.received + self.dropped_by_device + self.dropped_by_host + self.lost_in_gaps
+        )
         return self.expected - explained
 
 
