@@ -76,5 +76,7 @@ class Channel(Described):
         if self.count_range is not None and not self.count_range[0] < self.count_range[1]:
             raise fail(f"channel '{self.name}': count_range must be [lowest, highest]")
         if self.modulus_counts is not None and self.modulus_counts <= 1:
-            raise fail(f"channel '{self.name}': modulus_counts is {self.modulus_counts}, expected above 1")
+            raise fail(
+                f"channel '{self.name}': modulus_counts is {self.modulus_counts}, expected above 1"
+            )
         return self

@@ -59,8 +59,10 @@ class Joint(Described):
     def _units_fit_the_joint(self) -> Joint:
         for key, given in (("limits", self.limits), ("home", self.home)):
             if given is not None and given.dimension not in ("", self.dimension):
-                raise fail(f"'{key}' of the {self.type} joint '{self.name}' is given as {given.dimension}, "
-                           f"expected {self.dimension}")
+                raise fail(
+                    f"'{key}' of the {self.type} joint '{self.name}' is given as {given.dimension}, "
+                    f"expected {self.dimension}"
+                )
         return self
 
 
@@ -73,7 +75,9 @@ class Closure(Described):
     @model_validator(mode="after")
     def _free_belongs_to_custom(self) -> Closure:
         if (self.constraint == "custom") != (self.free is not None):
-            raise fail("'free' lists the freedoms of constraint = \"custom\", and is given only with it")
+            raise fail(
+                "'free' lists the freedoms of constraint = \"custom\", and is given only with it"
+            )
         return self
 
     @property
@@ -172,5 +176,7 @@ class PlatformMechanism(Described):
         for leg in self.legs:
             for end, known in ((leg.base, base), (leg.plate, plate)):
                 if end not in known:
-                    raise fail(f"leg '{leg.name}' ends at '{end}', expected one of {', '.join(known)}")
+                    raise fail(
+                        f"leg '{leg.name}' ends at '{end}', expected one of {', '.join(known)}"
+                    )
         return self

@@ -73,9 +73,20 @@ def parameters(rig: Rig) -> tuple[Parameter, ...]:
 
     def nominal(quantity: Quantity) -> float:
         # Rig validation guarantees that a tie leads to an untied parameter.
-        return quantity.nominal if quantity.tie is None else quantity.tie.factor * given[quantity.tie.parameter].nominal
+        return (
+            quantity.nominal
+            if quantity.tie is None
+            else quantity.tie.factor * given[quantity.tie.parameter].nominal
+        )
 
     return tuple(
-        Parameter(name, dimension, nominal(quantity), quantity.uncertainty, quantity.identify, quantity.tie)
+        Parameter(
+            name,
+            dimension,
+            nominal(quantity),
+            quantity.uncertainty,
+            quantity.identify,
+            quantity.tie,
+        )
         for name, quantity, dimension in quantities(rig)
     )

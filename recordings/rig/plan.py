@@ -25,7 +25,9 @@ class Revisit(Described):
     @model_validator(mode="after")
     def _counts_are_positive(self) -> Revisit:
         if self.poses < 0 or self.visits < 1:
-            raise fail(f"revisit has poses = {self.poses}, visits = {self.visits}; expected poses >= 0, visits >= 1")
+            raise fail(
+                f"revisit has poses = {self.poses}, visits = {self.visits}; expected poses >= 0, visits >= 1"
+            )
         return self
 
 
@@ -65,24 +67,36 @@ class Plan(Described):
 
     @model_validator(mode="after")
     def _mode_has_what_it_needs(self) -> Plan:
-        for key, value in (("sample_hz", self.sample), ("dwell_s", self.dwell), ("move", self.move)):
+        for key, value in (
+            ("sample_hz", self.sample),
+            ("dwell_s", self.dwell),
+            ("move", self.move),
+        ):
             if value <= 0:
                 raise fail(f"'{key}' is {value}, expected above 0")
         if self.poses < 1:
             raise fail(f"'poses' is {self.poses}, expected at least 1")
         if self.mode == "by-hand":
             if self.drives or self.targets or self.corners:
-                raise fail("a by-hand plan has no 'drives', 'targets' or 'corners': the operator moves")
+                raise fail(
+                    "a by-hand plan has no 'drives', 'targets' or 'corners': the operator moves"
+                )
             return self
         if not self.drives:
             raise fail("a driven plan needs 'drives': the joints held in position mode")
         if (self.targets is None) == (self.corners is None):
-            raise fail("a driven plan needs either 'targets' (a row a pose) or 'corners' of a region, not both")
+            raise fail(
+                "a driven plan needs either 'targets' (a row a pose) or 'corners' of a region, not both"
+            )
         for row in self.targets or self.corners or ():
             if len(row) != len(self.drives):
-                raise fail(f"a row of the plan has {len(row)} values, expected one a drive joint ({len(self.drives)})")
+                raise fail(
+                    f"a row of the plan has {len(row)} values, expected one a drive joint ({len(self.drives)})"
+                )
         if self.corners is not None and len(self.corners) < len(self.drives) + 1:
-            raise fail(f"'corners' has {len(self.corners)} rows, expected at least {len(self.drives) + 1}")
+            raise fail(
+                f"'corners' has {len(self.corners)} rows, expected at least {len(self.drives) + 1}"
+            )
         return self
 
 
@@ -118,15 +132,26 @@ def visits(plan: Plan, poses: int | None = None) -> tuple[Visit, ...]:
     elif plan.targets is not None:
         where = list(plan.targets[:count])
     else:
-        where = [tuple(row) for row in _short_path(_spread(np.array(plan.corners), count, plan.seed))]
+        where = [
+            tuple(row) for row in _short_path(_spread(np.array(plan.corners), count, plan.seed))
+        ]
     again = rng.choice(len(where), size=min(plan.revisit.poses, len(where)), replace=False)
-    extra = [(int(pose), visit) for visit in range(1, plan.revisit.visits) for pose in rng.permutation(again)]
-    return tuple(Visit(pose, visit, where[pose]) for pose, visit in [(p, 0) for p in range(len(where))] + extra)
+    extra = [
+        (int(pose), visit)
+        for visit in range(1, plan.revisit.visits)
+        for pose in rng.permutation(again)
+    ]
+    return tuple(
+        Visit(pose, visit, where[pose])
+        for pose, visit in [(p, 0) for p in range(len(where))] + extra
+    )
 
 
 def _spread(corners: NDArray[np.float64], count: int, seed: int) -> NDArray[np.float64]:
     """``count`` low-discrepancy points of the convex hull of ``corners``, shape (count, drives)."""
-    from scipy.spatial import Delaunay  # scipy is slow to import, and most uses of this room need none of it
+    from scipy.spatial import (
+        Delaunay,
+    )  # scipy is slow to import, and most uses of this room need none of it
     from scipy.stats import qmc
 
     hull = Delaunay(corners)

@@ -102,7 +102,9 @@ class Described(BaseModel):
     ``float``, or a tuple of floats.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, strict=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, arbitrary_types_allowed=True, strict=True
+    )
     quantities: ClassVar[dict[str, tuple[str, ...]]] = {}
 
     @model_validator(mode="before")
@@ -112,16 +114,24 @@ class Described(BaseModel):
             return table
         keys = {field.alias or name: name for name, field in cls.model_fields.items()}
         plain = [key for key, name in keys.items() if name not in cls.quantities]
-        spelled = {f"{name}_{unit}": (name, unit) for name, units in cls.quantities.items() for unit in units}
+        spelled = {
+            f"{name}_{unit}": (name, unit)
+            for name, units in cls.quantities.items()
+            for unit in units
+        }
         out: dict[str, Any] = {}
         came_from: dict[str, str] = {}
         for key, value in table.items():
             if key in spelled:
                 name, unit = spelled[key]
                 if name in came_from:
-                    raise fail(f"'{key}' and '{came_from[name]}' say the same thing; keep one of them")
+                    raise fail(
+                        f"'{key}' and '{came_from[name]}' say the same thing; keep one of them"
+                    )
                 came_from[name] = key
-                out[name] = _READERS.get(cls.model_fields[name].annotation, _number)(key, value, unit)
+                out[name] = _READERS.get(cls.model_fields[name].annotation, _number)(
+                    key, value, unit
+                )
             elif key in plain:
                 out[key] = tuple(value) if isinstance(value, list) else value
             elif key in cls.quantities:
@@ -171,7 +181,9 @@ def _quantity(key: str, value: Any, unit: str) -> Quantity:
     allowed = {"nominal", "uncertainty", "identify", "tie"}
     for inner in value:
         if inner not in allowed:
-            raise fail(f"'{key}' has the unknown key '{inner}'; allowed here: {', '.join(sorted(allowed))}")
+            raise fail(
+                f"'{key}' has the unknown key '{inner}'; allowed here: {', '.join(sorted(allowed))}"
+            )
     if "tie" in value:
         if len(value) > 1:
             raise fail(f"'{key}' is tied, so it takes no other key beside 'tie'")
@@ -203,7 +215,9 @@ def _tie(key: str, text: Any) -> Tie:
                 return Tie(parameter=name, factor=float(head) if star else sign)
             except ValueError:
                 pass
-    raise fail(f"'{key}.tie' is {text!r}, expected a parameter name such as \"A2.x\", \"-A2.x\" or \"2 * A2.x\"")
+    raise fail(
+        f'\'{key}.tie\' is {text!r}, expected a parameter name such as "A2.x", "-A2.x" or "2 * A2.x"'
+    )
 
 
 _READERS: dict[Any, Callable[[str, Any, str], Any]] = {

@@ -55,9 +55,12 @@ class Rig(Described):
         if isinstance(mechanism, SerialMechanism):
             parts = [joint.name for joint in mechanism.joints]
         else:
-            parts = [p.name for p in (*mechanism.base_points, *mechanism.plate_points, *mechanism.legs)]
+            parts = [
+                p.name for p in (*mechanism.base_points, *mechanism.plate_points, *mechanism.legs)
+            ]
         groups = {
-            "joints, points, legs and channels": parts + [channel.name for channel in self.channels],
+            "joints, points, legs and channels": parts
+            + [channel.name for channel in self.channels],
             "devices and ports": [d.name for d in self.devices] + [p.name for p in self.ports],
         }
         for what, names in groups.items():
@@ -78,18 +81,26 @@ class Rig(Described):
                 _known(f"channel '{channel.name}' has the device", channel.device, devices)
             dimension = self.mechanism.dimension_of(channel.senses)
             if channel.gain.dimension != f"{dimension}/count":
-                raise fail(f"channel '{channel.name}' senses {channel.senses}, which is of dimension {dimension}, "
-                           f"but its gain is given as {channel.gain.dimension}")
+                raise fail(
+                    f"channel '{channel.name}' senses {channel.senses}, which is of dimension {dimension}, "
+                    f"but its gain is given as {channel.gain.dimension}"
+                )
             if channel.offset.dimension not in ("", dimension):
-                raise fail(f"channel '{channel.name}' senses {channel.senses}, which is of dimension {dimension}, "
-                           f"but its offset is given as {channel.offset.dimension}")
+                raise fail(
+                    f"channel '{channel.name}' senses {channel.senses}, which is of dimension {dimension}, "
+                    f"but its offset is given as {channel.offset.dimension}"
+                )
             if channel.gain.tie is None and channel.gain.nominal == 0:
                 raise fail(f"channel '{channel.name}' has a gain of 0")
-        twice = [place for place, count in Counter(c.senses for c in self.channels).items() if count > 1]
+        twice = [
+            place for place, count in Counter(c.senses for c in self.channels).items() if count > 1
+        ]
         if twice:
             raise fail(f"'{twice[0]}' is sensed by two channels; one is allowed")
         for device in self.devices:
-            _known(f"device '{device.name}' is on the port", device.port, [p.name for p in self.ports])
+            _known(
+                f"device '{device.name}' is on the port", device.port, [p.name for p in self.ports]
+            )
             if device.joint is not None:
                 _known(f"device '{device.name}' moves the joint", device.joint, places)
         if self.plan is not None:
@@ -110,9 +121,13 @@ class Rig(Described):
                 continue
             _known(f"'{name}' is tied to", quantity.tie.parameter, list(given))
             if given[quantity.tie.parameter].tie is not None:
-                raise fail(f"'{name}' is tied to '{quantity.tie.parameter}', which is itself tied; tie it to the free one")
+                raise fail(
+                    f"'{name}' is tied to '{quantity.tie.parameter}', which is itself tied; tie it to the free one"
+                )
             if given[quantity.tie.parameter].dimension != quantity.dimension:
-                raise fail(f"'{name}' is tied to '{quantity.tie.parameter}', which has another dimension")
+                raise fail(
+                    f"'{name}' is tied to '{quantity.tie.parameter}', which has another dimension"
+                )
         return self
 
 
@@ -165,7 +180,9 @@ def _what(fault: Any) -> str:
         context = fault.get("ctx", {})
         key = str(context.get("discriminator", "")).strip("'")
         found = fault["input"].get(key) if isinstance(fault["input"], dict) else fault["input"]
-        allowed = context.get("expected_tags", "'can', 'serial'" if key == "kind" else "'serial', 'platform'")
+        allowed = context.get(
+            "expected_tags", "'can', 'serial'" if key == "kind" else "'serial', 'platform'"
+        )
         return f"'{key}' is {found!r}, expected one of {allowed}"
     return f"{fault['msg']}, found {fault['input']!r}"
 
@@ -173,7 +190,9 @@ def _what(fault: Any) -> str:
 def bundled_rigs() -> tuple[str, ...]:
     """Names of the rigs that come with the program."""
     folder = resources.files("recordings.rig") / "bundled"
-    return tuple(sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")))
+    return tuple(
+        sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml"))
+    )
 
 
 def rig_text(rig: str) -> tuple[str, str]:
@@ -183,13 +202,17 @@ def rig_text(rig: str) -> tuple[str, str]:
         RigError: no such file, not readable as UTF-8 text, or no such bundled rig.
     """
     if rig in bundled_rigs():
-        return (resources.files("recordings.rig") / "bundled" / f"{rig}.toml").read_text("utf-8"), f"bundled rig '{rig}'"
+        return (resources.files("recordings.rig") / "bundled" / f"{rig}.toml").read_text(
+            "utf-8"
+        ), f"bundled rig '{rig}'"
     path = Path(rig)
     try:
         return path.read_text("utf-8"), str(path)
     except FileNotFoundError as error:
-        raise RigError(f"there is no rig file '{rig}', and no bundled rig of that name; "
-                       f"bundled rigs: {', '.join(bundled_rigs())}") from error
+        raise RigError(
+            f"there is no rig file '{rig}', and no bundled rig of that name; "
+            f"bundled rigs: {', '.join(bundled_rigs())}"
+        ) from error
     except (OSError, UnicodeDecodeError) as error:
         raise RigError(f"cannot read the rig file '{rig}': {error}") from error
 

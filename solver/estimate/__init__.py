@@ -1,0 +1,1 @@
+"""From averaged poses to parameters: maximum likelihood, and the two papers' own methods."""

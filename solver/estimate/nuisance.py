@@ -1,0 +1,201 @@
+"""The true coordinates of each pose, eliminated: the closed configuration nearest to its readings.
+
+For given parameters x, pose i has the coordinates u_i that minimise |W_i (y_i - h(u, x))|^2
+subject to c(u, x) = 0, with W the inverse standard deviations of the readings. Each pose is a
+small equality-constrained least-squares problem, solved by Gauss-Newton on its KKT system
+
+    [ H'H  A' ] [ du     ]   [ H'r ]        H = W dh/du,  r = W (y - h)
+    [ A    0  ] [ lambda ] = [ -c  ]        A = dc/du
+
+for all poses at once. The same matrix gives du/dx, and with it the derivative of the
+eliminated residual: the profile likelihood's exact gradient and Gauss-Newton matrix
+(errors-in-variables; Fuller, "Measurement Error Models", 1987, section 3.2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.mechanism.model import Linearised, Model
+
+Array = NDArray[np.float64]
+
+_LARGEST_STEP = 0.5  # rad or m a Gauss-Newton step may move a coordinate
+_OUTLYING = 30.0  # a pose this many times worse than the median may sit on another branch
+_REGULARISED = (
+    1e-11  # keeps the KKT matrix of a singular pose invertible; far below any information
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Observations:
+    """What was measured: P poses, C channels.
+
+    Attributes:
+        counts: (P, C) [counts], averaged readings.
+        sigma: (P, C) [counts], their standard deviations.
+    """
+
+    counts: Array
+    sigma: Array
+
+    def take(self, poses: NDArray[np.intp]) -> Observations:
+        """The observations of some poses."""
+        return Observations(self.counts[poses], self.sigma[poses])
+
+
+@dataclass(frozen=True, slots=True)
+class Settled:
+    """Poses at their most likely closed configuration.
+
+    Attributes:
+        coordinates: (P, U) [rad or m].
+        residual: (P, C), whitened measured - predicted.
+        jacobian: (P, C, n), its derivative with the reduced parameters, coordinates following.
+        following: (P, U, n), derivative of the coordinates with the reduced parameters.
+        closed: (P,), whether the pose's loop closes and its search came to rest.
+        closure_m_rad: (P,), largest closure error left.
+    """
+
+    coordinates: Array
+    residual: Array
+    jacobian: Array
+    following: Array
+    closed: NDArray[np.bool_]
+    closure_m_rad: Array
+
+    @property
+    def cost(self) -> float:
+        """Sum of squared whitened residuals."""
+        return float(np.sum(self.residual**2))
+
+
+def settle(
+    model: Model,
+    observed: Observations,
+    coordinates: Array,
+    parameters: Array,
+    expansion: Array,
+    *,
+    iterations: int = 40,
+    tolerance: float = 1e-4,
+) -> Settled:
+    """Most likely closed configurations near ``coordinates``.
+
+    Args:
+        model: the mechanism.
+        observed: P poses.
+        coordinates: (P, U) start.
+        parameters: (N,) full parameter vector.
+        expansion: (N, n) from reduced to full parameter changes.
+        iterations: Gauss-Newton steps at most.
+        tolerance: a pose is at rest when its step is below this many standard deviations.
+    """
+    u = coordinates.copy()
+    nowhere = expansion[:, :0]
+    at = model.linearise(u, parameters, nowhere)
+    size = u.shape[1]
+    for _ in range(iterations):
+        kkt, target, scale = _kkt(at, observed)
+        step = np.linalg.solve(kkt, target[:, :, None])[:, :size, 0]
+        moved = np.abs(step).max(axis=1)
+        step *= scale
+        largest = np.abs(step).max(axis=1, keepdims=True)
+        u = u + step * np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300))
+        if moved.max(initial=0.0) < tolerance:
+            break
+        at = model.linearise(u, parameters, nowhere)
+    return _settled(model.linearise(u, parameters, expansion), observed, u, moved < 100 * tolerance)
+
+
+def _kkt(at: Linearised, observed: Observations) -> tuple[Array, Array, Array]:
+    """KKT matrices (P, U+K, U+K), right-hand sides (P, U+K), and coordinate scales (P, U)."""
+    weighted = at.readings_by_coordinates / observed.sigma[:, :, None]
+    residual = (observed.counts - at.readings) / observed.sigma
+    norms = np.linalg.norm(weighted, axis=1)
+    floor = np.where(norms > 0, norms, np.inf).min(axis=1, keepdims=True)
+    scale = 1.0 / np.where(norms > 0, norms, floor)
+    H = weighted * scale[:, None, :]
+    A, rows = _scaled_closure(at, scale)
+    size, closures = H.shape[2], A.shape[1]
+    kkt = np.zeros((len(H), size + closures, size + closures))
+    transposed = np.swapaxes(H, 1, 2)
+    kkt[:, :size, :size] = transposed @ H
+    kkt[:, size:, :size] = A
+    kkt[:, :size, size:] = np.swapaxes(A, 1, 2)
+    diagonal = np.arange(size + closures)
+    kkt[:, diagonal, diagonal] += np.where(diagonal < size, _REGULARISED, -_REGULARISED)
+    target = np.concatenate(
+        [(transposed @ residual[:, :, None])[:, :, 0], -at.closure * rows], axis=1
+    )
+    return kkt, target, scale
+
+
+def _scaled_closure(at: Linearised, scale: Array) -> tuple[Array, Array]:
+    """Closure rows scaled to unit norm, (P, K, U), and the factors (P, K)."""
+    A = at.closure_by_coordinates * scale[:, None, :]
+    rows = 1.0 / np.maximum(np.linalg.norm(A, axis=2), 1e-300)
+    return A * rows[:, :, None], rows
+
+
+def _settled(
+    at: Linearised, observed: Observations, u: Array, at_rest: NDArray[np.bool_]
+) -> Settled:
+    kkt, _, scale = _kkt(at, observed)
+    size = u.shape[1]
+    H = at.readings_by_coordinates / observed.sigma[:, :, None]
+    Hx = at.readings_by_parameters / observed.sigma[:, :, None]
+    _, rows = _scaled_closure(at, scale)
+    pull = np.concatenate(
+        [
+            -np.swapaxes(H * scale[:, None, :], 1, 2) @ Hx,
+            -at.closure_by_parameters * rows[:, :, None],
+        ],
+        axis=1,
+    )
+    following = np.linalg.solve(kkt, pull)[:, :size] * scale[:, :, None]
+    error = np.abs(at.closure).max(axis=1, initial=0.0)
+    return Settled(
+        coordinates=u,
+        residual=(observed.counts - at.readings) / observed.sigma,
+        jacobian=-Hx - H @ following,
+        following=following,
+        closed=at_rest & (error < 1e-8),
+        closure_m_rad=error,
+    )
+
+
+def assemble(model: Model, observed: Observations, parameters: Array) -> Array:
+    """Starting coordinates (P, U) for every pose, from the model's own starts.
+
+    Each pose takes the start that is nearest to closing and to its readings; a pose that
+    does not settle from there, or settles far worse than the others do, tries its next best.
+    """
+    nowhere = np.zeros((len(parameters), 0))
+    starts = model.starts(observed.counts, parameters)
+    scores = np.empty(starts.shape[:2])
+    for s, start in enumerate(starts):
+        at = model.linearise(start, parameters, nowhere)
+        misread = ((observed.counts - at.readings) / observed.sigma) ** 2
+        scores[s] = (
+            misread.sum(axis=1) if not at.closure.shape[1] else np.sum(at.closure**2, axis=1)
+        )
+    order = np.argsort(scores, axis=0)
+    every = np.arange(starts.shape[1])
+    best = starts[order[0], every]
+    cost = np.full(len(every), np.inf)
+    todo = every
+    for choice in order:
+        found = settle(model, observed.take(todo), starts[choice[todo], todo], parameters, nowhere)
+        now = np.where(found.closed, np.sum(found.residual**2, axis=1), np.inf)
+        better = now < cost[todo]
+        best[todo[better]] = found.coordinates[better]
+        cost[todo[better]] = now[better]
+        usual = np.median(cost)
+        todo = np.flatnonzero(~(cost <= _OUTLYING * max(usual, 1.0)))
+        if not len(todo):
+            break
+    return best

@@ -1,0 +1,1 @@
+"""Kinematics of the two mechanism families, with analytic derivatives, vectorised over poses."""

@@ -1,0 +1,140 @@
+"""Platforms: legs of sensed length between points of a base and points of a plate.
+
+length_i = |t + R b_i - a_i|. The plate's coordinates are its rotation vector phi (R =
+exp(phi) times the neutral rotation) and its translation t, or those of the two that its
+kind leaves free. There is no closure residual: redundancy is more legs than freedoms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.rig import Parameter, PlatformMechanism, Rig, parameters
+from solver.errors import MechanismError
+from solver.mechanism.model import Linearised
+from solver.mechanism.rotation import exponential, left_jacobian, skew
+from solver.mechanism.sensing import Sensing
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlatformModel:
+    """A platform with its sensors.
+
+    Attributes:
+        sensing: the channels.
+        base: (C, 3) indices of each channel's base point in the parameter vector.
+        plate: (C, 3) indices of its plate point.
+        turns: whether the plate rotates.
+        shifts: whether the plate translates.
+        neutral_rotation: (3, 3), base from plate.
+        neutral_position: (3,) [m].
+    """
+
+    sensing: Sensing
+    base: NDArray[np.intp]
+    plate: NDArray[np.intp]
+    turns: bool
+    shifts: bool
+    neutral_rotation: Array
+    neutral_position: Array
+
+    @classmethod
+    def of(cls, rig: Rig, table: tuple[Parameter, ...] | None = None) -> PlatformModel:
+        """The model of a platform rig.
+
+        Raises:
+            MechanismError: the rig is not a platform.
+        """
+        mechanism = rig.mechanism
+        if not isinstance(mechanism, PlatformMechanism):
+            raise MechanismError(
+                f"rig '{rig.name}' is a {rig.mechanism.family}, expected a platform"
+            )
+        table = parameters(rig) if table is None else table
+        index = {parameter.name: i for i, parameter in enumerate(table)}
+        legs = {leg.name: leg for leg in mechanism.legs}
+        ends = [legs[channel.senses] for channel in rig.channels]
+        neutral = mechanism.neutral
+        turn = exponential(np.diag([neutral.rx, neutral.ry, neutral.rz]))
+        return cls(
+            Sensing.of(rig, table),
+            np.array(
+                [[index[f"{leg.base}.{axis}"] for axis in "xyz"] for leg in ends], dtype=np.intp
+            ),
+            np.array(
+                [[index[f"{leg.plate}.{axis}"] for axis in "xyz"] for leg in ends], dtype=np.intp
+            ),
+            mechanism.plate in ("pivoted", "free"),
+            mechanism.plate in ("free", "point"),
+            turn[2] @ turn[1] @ turn[0],
+            np.array([neutral.x, neutral.y, neutral.z]),
+        )
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channel names, in the order of readings."""
+        return self.sensing.names
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of a pose's coordinates."""
+        return (("plate.rx", "plate.ry", "plate.rz") if self.turns else ()) + (
+            ("plate.x", "plate.y", "plate.z") if self.shifts else ()
+        )
+
+    def plate_pose(self, coordinates: Array) -> tuple[Array, Array]:
+        """Rotation (P, 3, 3), base from plate, and position (P, 3) [m] at ``coordinates`` (P, U)."""
+        poses = len(coordinates)
+        rotation = np.tile(self.neutral_rotation, (poses, 1, 1))
+        if self.turns:
+            rotation = exponential(coordinates[:, :3]) @ rotation
+        position = coordinates[:, -3:] if self.shifts else np.zeros((poses, 3))
+        return rotation, position + self.neutral_position
+
+    def linearise(self, coordinates: Array, parameters: Array, directions: Array) -> Linearised:
+        """Predictions and derivatives at ``coordinates`` (P, U) and ``parameters`` (N,), along (N, n)."""
+        poses, size = coordinates.shape
+        rotation, position = self.plate_pose(coordinates)
+        arm = parameters[self.plate] @ np.swapaxes(
+            rotation, 1, 2
+        )  # (P, C, 3), plate points turned into the base
+        leg = position[:, None] + arm - parameters[self.base]
+        length = np.linalg.norm(leg, axis=2)
+        along = leg / length[:, :, None]
+        counts, slope, by_parameters = self.sensing.counts(length, parameters, directions)
+
+        by_coordinates = np.zeros((poses, len(slope), size))
+        if self.turns:
+            turned = -skew(arm) @ left_jacobian(coordinates[:, None, :3])
+            by_coordinates[:, :, :3] = np.einsum("pci,pcij->pcj", along, turned)
+        if self.shifts:
+            by_coordinates[:, :, -3:] = along
+        by_length = np.einsum("pck,ckn->pcn", along @ rotation, directions[self.plate])
+        by_length -= np.einsum("pck,ckn->pcn", along, directions[self.base])
+        return Linearised(
+            counts,
+            np.zeros((poses, 0)),
+            by_coordinates * slope[:, None],
+            by_parameters + by_length * slope[:, None],
+            np.zeros((poses, 0, size)),
+            np.zeros((poses, 0, directions.shape[1])),
+        )
+
+    def starts(self, readings: Array, parameters: Array) -> Array:
+        """(S, P, U) coordinates: the neutral pose, then plates turned or moved in each direction."""
+        size = len(self.coordinate_names)
+        reach = float(np.abs(parameters[self.base]).max())
+        span = np.array([1.0] * 3 * self.turns + [0.3 * reach] * 3 * self.shifts)
+        offsets = np.vstack(
+            [np.zeros(size), *(sign * np.diag(span) for sign in (0.7, -0.7, 1.6, -1.6))]
+        )
+        return np.tile(offsets[:, None, :], (1, len(readings), 1))
+
+    def mobility(self, coordinates: Array, parameters: Array) -> int:
+        """Freedoms of the plate."""
+        return len(self.coordinate_names)

@@ -1,0 +1,1 @@
+"""Which poses tell most: selection with a certificate."""

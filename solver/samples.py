@@ -1,0 +1,214 @@
+"""From a recording to averaged poses: the mean counts of every dwell, and how well each is known.
+
+The noise of a channel is pooled over all dwells. Neighbouring samples are not independent:
+the variance of a mean of n samples is s^2 tau / n, with tau the integrated autocorrelation
+time. Where a channel is quieter than half a count, averaging does not beat quantisation,
+and its variance of 1/12 count^2 is added. A dwell whose first and second half differ by
+more than noise allows is rejected: the mechanism still moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.reader import Recording
+from recordings.rig import Channel
+from solver.dwells import Track, Window, standstills, without_edges
+from solver.errors import NotEnoughData
+
+Array = NDArray[np.float64]
+
+_STILL_MOVING = 5.0  # standard errors between the halves of a dwell
+_FEWEST_SAMPLES = 4  # in a dwell, of every channel
+_DITHER = 0.5  # counts: below this noise, averaging does not remove quantisation
+_LONGEST_LAG = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """A dwell that was not used, and why."""
+
+    window: Window
+    reason: str
+
+
+@dataclass(frozen=True)
+class PoseTable:
+    """Averaged readings of P dwells on C channels.
+
+    Attributes:
+        channels: names, in rig order.
+        counts: (P, C) mean counts.
+        sigma: (P, C) standard deviation of the means [counts].
+        samples: (P, C) number of samples averaged.
+        effective: (P, C) number of independent samples they are worth.
+        noise: (C,) standard deviation of one sample [counts], pooled over dwells.
+        correlation: (C,) integrated autocorrelation time [samples], 1 for white noise.
+        windows: the P dwells.
+        rejected: dwells left out.
+    """
+
+    channels: tuple[str, ...]
+    counts: Array
+    sigma: Array
+    samples: NDArray[np.int64]
+    effective: Array
+    noise: Array
+    correlation: Array
+    windows: tuple[Window, ...]
+    rejected: tuple[Rejected, ...]
+
+
+def track(recording: Recording, channel: Channel) -> Track:
+    """One channel of a recording as counts that do not wrap."""
+    readings = recording.readings.get(channel.name)
+    if readings is None or len(readings.raw) == 0:
+        present = ", ".join(sorted(recording.readings)) or "none"
+        raise NotEnoughData(
+            f"the recording has no readings of channel '{channel.name}'; it has: {present}. "
+            "Record all channels of the rig, or take the channel out of it."
+        )
+    order = np.argsort(readings.time_ns, kind="stable")
+    counts = readings.raw[order].astype(np.float64)
+    if channel.modulus_counts is not None:
+        counts = np.unwrap(counts, period=channel.modulus_counts)
+        turns = np.round((np.median(counts) - channel.zero_count) / channel.modulus_counts)
+        counts -= turns * channel.modulus_counts
+    return Track(readings.time_ns[order], counts)
+
+
+def average(recording: Recording, *, shortest_s: float | None = None) -> PoseTable:
+    """Averaged poses of ``recording``.
+
+    Args:
+        recording: what was captured.
+        shortest_s: shortest standstill that counts as a dwell when the recording has no dwell
+            messages; by default 0.6 of the rig's planned dwell, or 0.3 s.
+
+    Raises:
+        NotEnoughData: a channel has no readings, or there is no dwell.
+    """
+    rig = recording.rig
+    tracks = {channel.name: track(recording, channel) for channel in rig.channels}
+    if recording.dwells:
+        windows = tuple(Window(d.start_ns, d.end_ns, d.pose, d.visit) for d in recording.dwells)
+    else:
+        if shortest_s is None:
+            shortest_s = 0.6 * rig.plan.dwell if rig.plan is not None else 0.3
+        windows = without_edges(standstills(tracks, shortest_s=shortest_s), 0.02)
+    if not windows:
+        raise NotEnoughData(
+            "the recording has no dwells: it carries no dwell messages, and the readings show no standstill "
+            f"of {shortest_s or 0:.2g} s on all channels at once. Hold the mechanism still at every pose."
+        )
+    return _table(tracks, windows)
+
+
+def _table(tracks: Mapping[str, Track], windows: tuple[Window, ...]) -> PoseTable:
+    names = tuple(tracks)
+    pieces = [[_inside(tracks[name], window) for name in names] for window in windows]
+    rejected: list[Rejected] = []
+    whole: list[int] = []
+    for w, row in enumerate(pieces):
+        few = [name for name, piece in zip(names, row, strict=True) if len(piece) < _FEWEST_SAMPLES]
+        if few:
+            rejected.append(
+                Rejected(windows[w], f"fewer than {_FEWEST_SAMPLES} samples of {', '.join(few)}")
+            )
+        else:
+            whole.append(w)
+    if not whole:
+        raise NotEnoughData(
+            f"none of the {len(windows)} dwells has samples of every channel; check the channels' rates"
+        )
+    noise, correlation = _noise(pieces, whole, len(names))
+
+    kept: list[int] = []
+    for w in whole:
+        moved = _moved(pieces[w], noise, correlation)
+        worst = int(np.argmax(np.abs(moved)))
+        if abs(moved[worst]) > _STILL_MOVING:
+            halves = _halves(pieces[w][worst])
+            rejected.append(
+                Rejected(
+                    windows[w],
+                    f"still moving: {names[worst]} moved {halves:+.1f} counts between the halves of the dwell",
+                )
+            )
+        else:
+            kept.append(w)
+    if not kept:
+        raise NotEnoughData(
+            f"the mechanism still moved in all {len(whole)} dwells; wait longer before each dwell"
+        )
+    samples = np.array([[len(piece) for piece in pieces[w]] for w in kept], dtype=np.int64)
+    effective = np.maximum(samples / correlation, 1.0)
+    quantisation = np.where(noise < _DITHER, 1.0 / 12.0, 0.0)
+    return PoseTable(
+        channels=names,
+        counts=np.array([[piece.mean() for piece in pieces[w]] for w in kept]),
+        sigma=np.sqrt(noise**2 / effective + quantisation),
+        samples=samples,
+        effective=effective,
+        noise=noise,
+        correlation=correlation,
+        windows=tuple(windows[w] for w in kept),
+        rejected=tuple(rejected),
+    )
+
+
+def _inside(track: Track, window: Window) -> Array:
+    first, last = np.searchsorted(track.time_ns, [window.start_ns, window.end_ns + 1])
+    return track.counts[first:last]
+
+
+def _noise(pieces: list[list[Array]], rows: list[int], channels: int) -> tuple[Array, Array]:
+    """Pooled standard deviation (C,) and integrated autocorrelation time (C,)."""
+    sigma, tau = np.zeros(channels), np.ones(channels)
+    for c in range(channels):
+        # The median over dwells keeps a few dwells with motion from setting the noise of all.
+        variances = np.array([np.var(pieces[w][c], ddof=1) for w in rows])
+        usual = np.median(variances)
+        quiet = [w for w, v in zip(rows, variances, strict=True) if v <= 4.0 * usual + 1e-12]
+        centred = [pieces[w][c] - pieces[w][c].mean() for w in quiet]
+        freedoms = sum(len(x) - 1 for x in centred)
+        sigma[c] = np.sqrt(sum(float(x @ x) for x in centred) / freedoms)
+        tau[c] = _integrated_time(centred)
+    return sigma, tau
+
+
+def _integrated_time(centred: list[Array]) -> float:
+    """1 + 2 sum of autocorrelations, up to the first that noise explains (Geyer's initial sequence, pooled)."""
+    power = sum(float(x @ x) for x in centred)
+    if power == 0.0:
+        return 1.0
+    total = sum(len(x) for x in centred)
+    mean_length = total / len(centred)
+    tau = 1.0
+    for lag in range(1, min(_LONGEST_LAG, int(mean_length) - 1)):
+        pairs = sum(float(x[:-lag] @ x[lag:]) for x in centred if len(x) > lag)
+        count = sum(len(x) - lag for x in centred if len(x) > lag)
+        # Removing each dwell's own mean lowers every autocorrelation by about 1 / length.
+        correlation = pairs / power * total / max(count, 1) + 1.0 / mean_length
+        if correlation < 2.0 / np.sqrt(total):
+            break
+        tau += 2.0 * correlation
+    return tau
+
+
+def _halves(piece: Array) -> float:
+    middle = len(piece) // 2
+    return float(piece[middle:].mean() - piece[:middle].mean())
+
+
+def _moved(row: list[Array], noise: Array, correlation: Array) -> Array:
+    """(C,) difference between the halves of a dwell, in standard errors."""
+    out = np.zeros(len(row))
+    for c, piece in enumerate(row):
+        error = np.sqrt((noise[c] ** 2 + 1.0 / 12.0) * correlation[c] * 4.0 / len(piece))
+        out[c] = _halves(piece) / error
+    return out

@@ -1,0 +1,168 @@
+"""The whole way from a recording to a solution: average, select, identify, check.
+
+Owns the order of the steps and what counts as too little data. Every step lives in a file
+of its own; this one reads top to bottom like the method section of a paper.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.reader import Recording
+from recordings.rig import Rig, parameters
+from solver.closure import ClosureErrors, closure_errors
+from solver.errors import MechanismError, NotEnoughData
+from solver.estimate import hinge
+from solver.estimate.estimate import Estimate
+from solver.estimate.identifiability import Identifiability, identifiability
+from solver.estimate.methods import Method, fitting, method_named
+from solver.estimate.nuisance import Observations, Settled, assemble, settle
+from solver.estimate.trust_region import Status
+from solver.mechanism.model import Model, model_of
+from solver.mechanism.serial import SerialModel
+from solver.mechanism.space import ParameterSpace
+from solver.poses.observability import Observability, observability
+from solver.poses.selection import Selection, select
+from solver.samples import PoseTable, average
+
+Array = NDArray[np.float64]
+
+DEFAULT_POSES = 50
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What a recording says about its rig.
+
+    Attributes:
+        rig: the rig as recorded.
+        model: its mechanism and sensors.
+        table: averaged poses, all that are usable.
+        selection: which of them were used.
+        method: how.
+        estimate: the result, from the selected poses.
+        beside: results of the other methods that fit, from the same poses.
+        identifiability: what the selected poses determine.
+        raw: observability of the method's Jacobian, SI columns.
+        scaled: the same with unit columns.
+        before: every pose settled at the nominal parameters.
+        after: every pose settled at the estimate.
+        closure_before: closure errors of the selected poses at the nominal parameters, or None
+            where the mechanism has no hinge.
+        closure_after: at the estimate.
+    """
+
+    rig: Rig
+    model: Model
+    table: PoseTable
+    selection: Selection
+    method: Method
+    estimate: Estimate
+    beside: tuple[Estimate, ...]
+    identifiability: Identifiability
+    raw: Observability
+    scaled: Observability
+    before: Settled
+    after: Settled
+    closure_before: ClosureErrors | None
+    closure_after: ClosureErrors | None
+
+
+def solve(
+    recording: Recording, *, poses: int = DEFAULT_POSES, method: str | None = None
+) -> Solution:
+    """Calibrate the rig of ``recording``.
+
+    Args:
+        recording: what was captured; its rig says what is identified.
+        poses: how many poses to use, the best of all.
+        method: name of a method, or None for the default.
+
+    Raises:
+        NotEnoughData: no dwells, a silent channel, or too few poses for the parameters.
+        MethodError: the method does not exist or does not fit the mechanism.
+        MechanismError: the loop cannot be closed at the nominal parameters.
+    """
+    rig = recording.rig
+    model = model_of(rig)
+    chosen = method_named(method, model)
+    space = ParameterSpace.of(parameters(rig))
+    if not space.names:
+        raise NotEnoughData(
+            f"rig '{rig.name}' identifies nothing; set identify = true on the parameters to estimate"
+        )
+    table = average(recording)
+    observed = Observations(table.counts, table.sigma)
+    before = settle(
+        model, observed, assemble(model, observed, space.nominal), space.nominal, space.expansion
+    )
+    if not before.closed.any():
+        raise MechanismError(_does_not_close(rig))
+    _require_enough(table, space, before, poses)
+
+    selection = select(before.jacobian, poses)
+    selected = observed.take(selection.poses)
+    estimate = chosen.identify(model, space, selected)
+    if estimate.status is Status.DOES_NOT_CLOSE:
+        raise MechanismError(_does_not_close(rig))
+    # The first choice was made at the nominal parameters; choose again where the answer is.
+    after = settle(model, observed, before.coordinates, estimate.parameters, space.expansion)
+    if after.closed.all() and poses < len(table.counts):
+        selection = select(after.jacobian, poses)
+        selected = observed.take(selection.poses)
+        estimate = chosen.identify(model, space, selected)
+        after = settle(model, observed, after.coordinates, estimate.parameters, space.expansion)
+    others = tuple(m.identify(model, space, selected) for m in fitting(model) if m is not chosen)
+    closure = [
+        closure_errors(model, space, selected, x)
+        if isinstance(model, SerialModel) and hinge.fits(model)
+        else None
+        for x in (space.nominal, estimate.parameters)
+    ]
+    at_selected = after.jacobian[selection.poses].reshape(-1, len(space.names))
+    return Solution(
+        rig=rig,
+        model=model,
+        table=table,
+        selection=selection,
+        method=chosen,
+        estimate=estimate,
+        beside=others,
+        identifiability=identifiability(space, at_selected),
+        raw=observability(estimate.jacobian, scaled=False),
+        scaled=observability(estimate.jacobian, scaled=True),
+        before=before,
+        after=after,
+        closure_before=closure[0],
+        closure_after=closure[1],
+    )
+
+
+def _does_not_close(rig: Rig) -> str:
+    return (
+        f"the mechanism of rig '{rig.name}' does not close at its nominal parameters with these readings. "
+        "Check lengths, angles, the signs of gains and the order of the channels; `loopcal rig check` shows the mechanism."
+    )
+
+
+def _require_enough(table: PoseTable, space: ParameterSpace, before: Settled, poses: int) -> None:
+    unknowns, usable = len(space.names), len(table.counts)
+    if poses < 1:
+        raise NotEnoughData(f"{poses} poses were asked for, expected at least 1")
+    equations = _redundancy(before)
+    needed = int(np.ceil((unknowns + 1) / max(equations, 1)))
+    if min(usable, poses) < needed:
+        dropped = f" ({len(table.rejected)} dwells were rejected)" if table.rejected else ""
+        raise NotEnoughData(
+            f"{min(usable, poses)} usable poses{dropped} for {unknowns} unknowns, expected at least {needed}: "
+            f"each pose gives {equations} equations. Record more poses, or identify fewer parameters."
+        )
+
+
+def _redundancy(settled: Settled) -> int:
+    """Equations a pose contributes: rank of what its residual can show."""
+    singular = np.linalg.svd(settled.jacobian[: min(20, len(settled.jacobian))], compute_uv=False)
+    return int(np.median((singular > 1e-8 * singular[:, :1]).sum(axis=1)))
