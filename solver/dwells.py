@@ -74,7 +74,7 @@ def standstills(tracks: Mapping[str, Track], *, shortest_s: float) -> tuple[Wind
     for track in usable:
         still &= _still(track, grid, noise(track))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
-    windows = []
+    windows: list[Window] = []
     for first, last in edges.reshape(-1, 2):
         if (last - 1 - first) * _GRID_S >= shortest_s:
             windows.append(Window(int(grid[first]), int(grid[last - 1]), len(windows), 0))

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
 from recordings.reader import Recording
+
 from recordings.rig import Rig, parameters
 from solver.closure import ClosureErrors, closure_errors
 from solver.errors import MechanismError, NotEnoughData

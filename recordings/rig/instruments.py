@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Literal
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from recordings.rig.quantity import COORDINATE, GAIN, Described, Quantity, fail
 
@@ -21,7 +21,7 @@ class CanPort(Described):
     interface: str
     channel: str
     bitrate: int = 1_000_000
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = Field(default_factory=dict)
 
 
 class SerialPort(Described):
@@ -42,7 +42,7 @@ class Device(Described):
     driver: str
     port: str
     joint: str | None = None
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = Field(default_factory=dict)
 
 
 class Channel(Described):

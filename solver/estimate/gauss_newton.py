@@ -84,7 +84,8 @@ def gauss_newton_step(closure: Closure) -> Array:
     jacobian = closure.jacobian
     norms = np.linalg.norm(jacobian, axis=0)
     norms = np.where(norms > 0, norms, 1.0)
-    return -np.linalg.lstsq(jacobian / norms, closure.residual.ravel(), rcond=1e-12)[0] / norms
+    step: Array = -np.linalg.lstsq(jacobian / norms, closure.residual.ravel(), rcond=1e-12)[0] / norms
+    return step
 
 
 def propagate(closure: Closure, sigma: Array) -> Array:

@@ -185,7 +185,7 @@ def assemble(model: Model, observed: Observations, parameters: Array) -> Array:
         )
     order = np.argsort(scores, axis=0)
     every = np.arange(starts.shape[1])
-    best = starts[order[0], every]
+    best: Array = starts[order[0], every]
     cost = np.full(len(every), np.inf)
     todo = every
     for choice in order:

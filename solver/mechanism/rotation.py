@@ -30,7 +30,8 @@ def exponential(vector: Array) -> Array:
     first = np.where(angle < _SMALL, 1 - angle**2 / 6, np.sin(safe) / safe)
     second = np.where(angle < _SMALL, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
     hat = skew(vector)
-    return np.eye(3) + first * hat + second * (hat @ hat)
+    out: Array = np.eye(3) + first * hat + second * (hat @ hat)
+    return out
 
 
 def logarithm(rotation: Array) -> Array:
@@ -50,7 +51,7 @@ def logarithm(rotation: Array) -> Array:
     factor = np.where(
         sine < _SMALL, 0.5 + angle**2 / 12, 0.5 * angle / np.where(sine < _SMALL, 1.0, sine)
     )
-    vector = factor[..., None] * twice
+    vector: Array = factor[..., None] * twice
     if not near_half_turn.any():
         return vector
     # Near a half turn the antisymmetric part vanishes: the axis comes from the symmetric part.
@@ -61,7 +62,8 @@ def logarithm(rotation: Array) -> Array:
     axis = np.take_along_axis(symmetric, column[..., None, None], axis=-1)[..., 0]
     axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
     sign = np.where(np.sum(axis * twice, axis=-1, keepdims=True) < 0, -1.0, 1.0)
-    return np.where(near_half_turn, sign * axis * angle[..., None], vector)
+    corrected: Array = np.where(near_half_turn, sign * axis * angle[..., None], vector)
+    return corrected
 
 
 def log_rate(vector: Array) -> Array:
@@ -71,7 +73,8 @@ def log_rate(vector: Array) -> Array:
     half = 0.5 * safe
     second = np.where(angle < _SMALL, 1 / 12 + angle**2 / 720, (1 - half / np.tan(half)) / safe**2)
     hat = skew(vector)
-    return np.eye(3) - 0.5 * hat + second * (hat @ hat)
+    out: Array = np.eye(3) - 0.5 * hat + second * (hat @ hat)
+    return out
 
 
 def left_jacobian(vector: Array) -> Array:
@@ -81,4 +84,5 @@ def left_jacobian(vector: Array) -> Array:
     first = np.where(angle < _SMALL, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
     second = np.where(angle < _SMALL, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
     hat = skew(vector)
-    return np.eye(3) + first * hat + second * (hat @ hat)
+    out: Array = np.eye(3) + first * hat + second * (hat @ hat)
+    return out
