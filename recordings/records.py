@@ -1,0 +1,200 @@
+"""MCAP records as they are read: one record's bytes -> a checked value.
+
+The mcap library reads past a short record without a word, and allocates what a damaged
+length asks for. Here every length is checked against the bytes that are there, before
+anything is taken from them. Pure: no file. All functions raise `Malformed`.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
+
+MAX_CHUNK_BYTES = 256 * 1024 * 1024
+"""Largest uncompressed chunk that is read; writers use 64 KiB to a few MiB."""
+
+
+class Malformed(ValueError):  # noqa: N818 - says what it is
+    """A record does not say what a record of its kind must say."""
+
+
+@dataclass(frozen=True, slots=True)
+class Schema:
+    """Id and name of a message schema."""
+
+    id: int
+    name: str
+    encoding: str
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A topic of messages of one schema (id 0: none)."""
+
+    id: int
+    schema_id: int
+    topic: str
+    message_encoding: str
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Compressed records with the time span of their messages [ns]."""
+
+    start_ns: int
+    end_ns: int
+    uncompressed_size: int
+    crc: int
+    compression: str
+    data: bytes
+
+
+class _Fields:
+    """The fields of one record, taken one after the other."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+
+    @property
+    def left(self) -> int:
+        return len(self._data) - self._at
+
+    def number(self, size: int) -> int:
+        return int.from_bytes(self.take(size), "little")
+
+    def text(self) -> str:
+        try:
+            return self.take(self.number(4)).decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise Malformed("a text that is not UTF-8") from error
+
+    def take(self, size: int) -> bytes:
+        if size > self.left:
+            raise Malformed(f"a field of {size} bytes where {self.left} are left")
+        self._at += size
+        return self._data[self._at - size : self._at]
+
+
+def parse_header(content: bytes) -> tuple[str, str]:
+    """Profile and library."""
+    fields = _Fields(content)
+    return fields.text(), fields.text()
+
+
+def parse_schema(content: bytes) -> Schema:
+    """A Schema record, without the schema itself."""
+    fields = _Fields(content)
+    schema = Schema(id=fields.number(2), name=fields.text(), encoding=fields.text())
+    fields.take(fields.number(4))
+    return schema
+
+
+def parse_channel(content: bytes) -> Channel:
+    """A Channel record, without its metadata."""
+    fields = _Fields(content)
+    channel = Channel(
+        id=fields.number(2),
+        schema_id=fields.number(2),
+        topic=fields.text(),
+        message_encoding=fields.text(),
+    )
+    fields.take(fields.number(4))
+    return channel
+
+
+def parse_attachment(content: bytes) -> tuple[str, bytes]:
+    """Name and data; checks the CRC, where there is one."""
+    fields = _Fields(content)
+    fields.take(16)
+    name = fields.text()
+    fields.text()
+    data = fields.take(fields.number(8))
+    covered = len(content) - fields.left
+    crc = fields.number(4)
+    if crc not in (0, zlib.crc32(content[:covered])):
+        raise Malformed(f"attachment '{name}' with a wrong CRC")
+    return name, data
+
+
+def parse_metadata(content: bytes) -> tuple[str, dict[str, str]]:
+    """Name and pairs."""
+    fields = _Fields(content)
+    name = fields.text()
+    inner = _Fields(fields.take(fields.number(4)))
+    pairs = {}
+    while inner.left:
+        key = inner.text()
+        pairs[key] = inner.text()
+    return name, pairs
+
+
+def check_message_index(content: bytes) -> None:
+    """A Message Index must be as long as it says."""
+    fields = _Fields(content)
+    fields.take(2)
+    if fields.number(4) != fields.left:
+        raise Malformed("a message index of another length than it says")
+
+
+def parse_footer(content: bytes) -> tuple[int, int, int]:
+    """Start of the summary, start of the summary offsets, CRC of the summary."""
+    fields = _Fields(content)
+    return fields.number(8), fields.number(8), fields.number(4)
+
+
+def parse_chunk(content: bytes) -> Chunk:
+    """A Chunk record, still compressed."""
+    fields = _Fields(content)
+    start_ns, end_ns, size, crc = (fields.number(width) for width in (8, 8, 8, 4))
+    compression = fields.text()
+    data = fields.take(fields.number(8))
+    if fields.left:
+        raise Malformed(f"a chunk with {fields.left} bytes too many")
+    return Chunk(start_ns, end_ns, size, crc, compression, data)
+
+
+def decompress(chunk: Chunk) -> bytes:
+    """The records of a chunk, checked against its size and CRC (0: the chunk has none)."""
+    size = chunk.uncompressed_size
+    if size > MAX_CHUNK_BYTES:
+        raise Malformed(f"a chunk of {size} bytes, above the limit of {MAX_CHUNK_BYTES}")
+    if chunk.compression == "zstd":
+        data = _unzstd(chunk.data, size)
+    elif chunk.compression == "lz4":
+        data = _unlz4(chunk.data, size)
+    elif chunk.compression == "":
+        data = chunk.data
+    else:
+        raise Malformed(f"a chunk compressed with '{chunk.compression}', expected zstd or lz4")
+    if len(data) != size:
+        raise Malformed(f"a chunk of {len(data)} bytes that should have {size}")
+    if chunk.crc not in (0, zlib.crc32(data)):
+        raise Malformed("a chunk with a wrong CRC")
+    return data
+
+
+def _unzstd(data: bytes, size: int) -> bytes:
+    try:
+        # A frame may itself claim any size, and the library would allocate it.
+        claimed = zstandard.get_frame_parameters(data).content_size
+        if claimed not in (size, zstandard.CONTENTSIZE_UNKNOWN):
+            raise Malformed(f"a chunk of {claimed} bytes that should have {size}")
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+    except zstandard.ZstdError as error:
+        raise Malformed(f"a chunk that does not decompress ({error})") from error
+
+
+def _unlz4(data: bytes, size: int) -> bytes:
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    try:
+        # One byte more than there should be, to notice when there is more.
+        out: bytes = decompressor.decompress(data, max_length=size + 1)
+    except (RuntimeError, EOFError) as error:
+        raise Malformed(f"a chunk that does not decompress ({error})") from error
+    if not decompressor.eof:
+        raise Malformed("a chunk that does not decompress (it ends early, or is too long)")
+    return out
