@@ -28,8 +28,9 @@ from dataclasses import dataclass
 from sim_devices.modbus import ExceptionCode, RequestRefused
 from sim_devices.plant_seam import Plant
 
-AVERAGING_REGISTER = 256
-TAG_REGISTER = 257
+SETTINGS_START = 256
+AVERAGING_REGISTER = SETTINGS_START
+TAG_REGISTER = SETTINGS_START + 1
 MOST_AVERAGED = 64
 TICKS_PER_S = 10_000
 IDENTIFICATION = {0: "loopcal virtual", 1: "modbus-adc", 2: "1.0"}
@@ -53,6 +54,12 @@ class AdcLayout:
     def time_register(self) -> int:
         """Address of the high word of device time."""
         return self.first_register + self.channels
+
+    @property
+    def fits(self) -> bool:
+        """Whether all registers differ and lie below the settings."""
+        measured = range(self.first_register, self.time_register + 2)
+        return measured.stop <= SETTINGS_START and self.counter_register not in measured
 
 
 class AdcRegisters:

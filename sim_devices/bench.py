@@ -1,0 +1,189 @@
+"""The running bench: all virtual devices of a rig, on ports, in real time.
+
+Thin shell around sans-IO parts: opens a port for each port of the rig, moves the plant, hands
+bytes and frames over, and closes everything at the end. One thread does it all, the
+caller's; the only thing shared with other threads is the stop event.
+"""
+
+from __future__ import annotations
+
+import selectors
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from types import FrameType
+
+from recordings.rig import CanPort, Rig
+from sim_devices.bus_port import BusPort
+from sim_devices.errors import DeviceNotSimulated
+from sim_devices.kinds import can_bus, serial_line
+from sim_devices.line import SlcanLine
+from sim_devices.plant_seam import Plant
+from sim_devices.port import Port
+from sim_devices.pty_port import PtyPort
+
+STEP_S = 0.005
+"""Devices are ticked this often, and the plant moves at least so often."""
+
+PLANT_RESOLUTION_S = 0.001
+"""The plant is not asked to move less than this: many requests in a row see one moment."""
+
+POLL_S = 0.001
+"""Longest wait while a port must be polled."""
+
+Clock = Callable[[], float]
+
+
+def run_bench(
+    rig: Rig,
+    plant: Plant,
+    *,
+    stop: threading.Event,
+    ports: Mapping[str, str] | None = None,
+    ready: Callable[[Mapping[str, str]], None] | None = None,
+    clock: Clock = time.monotonic,
+) -> None:
+    """Run the virtual devices of a rig until ``stop`` is set; takes at most `STEP_S` to end.
+
+    Args:
+        rig: what to build: its devices, on its ports.
+        plant: nature; time 0 is when the ports are open.
+        stop: ends the bench.
+        ports: paths by port name, in place of those in the rig. A CAN port given a path is an
+            slcan adapter there, whatever its interface in the rig.
+        ready: called once, when a host may open the ports, with their addresses by port name.
+        clock: monotonic time [s].
+
+    Raises:
+        DeviceNotSimulated: the rig asks for what no virtual device offers.
+        PortTaken: a path belongs to something else.
+        PortUnavailable: the system or a CAN interface refuses.
+    """
+    bench = Bench(build_ports(rig, plant, ports or {}), plant, clock)
+    with bench.opened():
+        if ready is not None:
+            ready(bench.addresses)
+        while not stop.is_set():
+            bench.turn()
+
+
+def build_ports(rig: Rig, plant: Plant, paths: Mapping[str, str]) -> list[Port]:
+    """The ports of a rig with their devices, not open yet; raises DeviceNotSimulated."""
+    names = [port.name for port in rig.ports]
+    if not names:
+        raise DeviceNotSimulated(f"the rig '{rig.name}' has no ports, so there is nothing to run")
+    for name in paths:
+        if name not in names:
+            raise DeviceNotSimulated(
+                f"a path is given for the port '{name}'; the rig has: {', '.join(names)}"
+            )
+    built: list[Port] = []
+    for port in rig.ports:
+        if not isinstance(port, CanPort):
+            path = paths.get(port.name, port.path)
+            built.append(PtyPort(port.name, _local(port.name, path), serial_line(rig, port, plant)))
+        elif port.interface == "slcan" or port.name in paths:
+            # python-can takes the serial baud rate behind an '@' of the channel.
+            path = paths.get(port.name, port.channel.partition("@")[0])
+            line = SlcanLine(can_bus(rig, port, plant))
+            built.append(PtyPort(port.name, _local(port.name, path), line))
+        else:
+            built.append(BusPort(port, can_bus(rig, port, plant)))
+    return built
+
+
+class Bench:
+    """Ports served in turn, and a plant that moves in real time.
+
+    Attributes:
+        addresses: where hosts find the ports, by port name.
+    """
+
+    def __init__(self, ports: list[Port], plant: Plant, clock: Clock) -> None:
+        self.addresses: Mapping[str, str] = {port.name: port.address for port in ports}
+        self._ports = ports
+        self._plant = plant
+        self._clock = clock
+        self._start_s = 0.0
+        self._plant_s = 0.0
+        self._next_tick_s = 0.0
+        self._watched: dict[str, int] = {}
+
+    @contextmanager
+    def opened(self) -> Iterator[None]:
+        """All ports open inside; if one cannot be, none is."""
+        with ExitStack() as stack:
+            self._selector = stack.enter_context(selectors.DefaultSelector())
+            for port in self._ports:
+                port.open()
+                stack.callback(port.close)
+            self._start_s = self._clock()
+            self._plant.advance(0.0)
+            yield
+
+    def turn(self) -> None:
+        """Wait for the next thing to do, at most until the next tick, and do it."""
+        for port in self._ports:
+            self._watch(port)
+        wait_s = self._next_tick_s - self._now_s()
+        if any(port.polled for port in self._ports):
+            wait_s = min(wait_s, POLL_S)
+        ready = [key.data for key, _ in self._selector.select(max(wait_s, 0.0))]
+        ready += [port for port in self._ports if port.polled]
+        now_s = self._now_s()
+        if ready:
+            self._move_plant(now_s)
+        for port in ready:
+            port.serve(now_s)
+        if now_s >= self._next_tick_s:
+            self._move_plant(now_s)
+            for port in self._ports:
+                port.tick(now_s)
+            # From now, not from when it was due: a bench that was held up does not race.
+            self._next_tick_s = now_s + STEP_S
+
+    def _now_s(self) -> float:
+        return self._clock() - self._start_s
+
+    def _move_plant(self, now_s: float) -> None:
+        if now_s - self._plant_s >= PLANT_RESOLUTION_S:
+            self._plant.advance(now_s)
+            self._plant_s = now_s
+
+    def _watch(self, port: Port) -> None:
+        """Select on the port's descriptor as long as it has one."""
+        descriptor, watched = port.fileno(), self._watched.get(port.name)
+        if descriptor == watched:
+            return
+        if watched is not None:
+            self._selector.unregister(watched)
+            del self._watched[port.name]
+        if descriptor is not None:
+            self._selector.register(descriptor, selectors.EVENT_READ, port)
+            self._watched[port.name] = descriptor
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[threading.Event]:
+    """An event that SIGINT and SIGTERM set; only in the main thread. Handlers are put back."""
+    stop = threading.Event()
+
+    def handle(_number: int, _frame: FrameType | None) -> None:
+        stop.set()
+
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _local(name: str, path: str) -> str:
+    if "://" in path or not path:
+        raise DeviceNotSimulated(
+            f"port '{name}' is at '{path}', but a virtual port appears at a path; give one for it"
+        )
+    return path
