@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from recordings.reader import Recording
 
+from recordings.reader import Recording
 from recordings.rig import Channel
 from solver.dwells import Track, Window, standstills, without_edges
 from solver.errors import NotEnoughData

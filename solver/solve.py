@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from recordings.reader import Recording
 
+from recordings.reader import Recording
 from recordings.rig import Rig, parameters
 from solver.closure import ClosureErrors, closure_errors
 from solver.errors import MechanismError, NotEnoughData
@@ -86,15 +86,19 @@ def solve(
         MethodError: the method does not exist or does not fit the mechanism.
         MechanismError: the loop cannot be closed at the nominal parameters.
     """
-    rig = recording.rig
+    _require_something_to_identify(recording.rig)
+    method_named(method, model_of(recording.rig))  # a wrong name is told before the long work
+    return solve_table(recording.rig, average(recording), poses=poses, method=method)
+
+
+def solve_table(
+    rig: Rig, table: PoseTable, *, poses: int = DEFAULT_POSES, method: str | None = None
+) -> Solution:
+    """Calibrate ``rig`` from poses that are averaged already; raises as `solve` does."""
+    _require_something_to_identify(rig)
     model = model_of(rig)
     chosen = method_named(method, model)
     space = ParameterSpace.of(parameters(rig))
-    if not space.names:
-        raise NotEnoughData(
-            f"rig '{rig.name}' identifies nothing; set identify = true on the parameters to estimate"
-        )
-    table = average(recording)
     observed = Observations(table.counts, table.sigma)
     before = settle(
         model, observed, assemble(model, observed, space.nominal), space.nominal, space.expansion
@@ -139,6 +143,13 @@ def solve(
         closure_before=closure[0],
         closure_after=closure[1],
     )
+
+
+def _require_something_to_identify(rig: Rig) -> None:
+    if not any(parameter.identify for parameter in parameters(rig)):
+        raise NotEnoughData(
+            f"rig '{rig.name}' identifies nothing; set identify = true on the parameters to estimate"
+        )
 
 
 def _does_not_close(rig: Rig) -> str:

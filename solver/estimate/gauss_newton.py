@@ -84,7 +84,9 @@ def gauss_newton_step(closure: Closure) -> Array:
     jacobian = closure.jacobian
     norms = np.linalg.norm(jacobian, axis=0)
     norms = np.where(norms > 0, norms, 1.0)
-    step: Array = -np.linalg.lstsq(jacobian / norms, closure.residual.ravel(), rcond=1e-12)[0] / norms
+    step: Array = (
+        -np.linalg.lstsq(jacobian / norms, closure.residual.ravel(), rcond=1e-12)[0] / norms
+    )
     return step
 
 
@@ -100,7 +102,8 @@ def propagate(closure: Closure, sigma: Array) -> Array:
     scaled = np.einsum("npe,pec->npc", inverse, closure.by_readings * sigma[:, None, :]).reshape(
         count, -1
     )
-    return scaled @ scaled.T
+    covariance: Array = scaled @ scaled.T
+    return covariance
 
 
 def expected_cost(closure: Closure, sigma: Array) -> float:

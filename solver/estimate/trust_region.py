@@ -135,7 +135,7 @@ def _norms(jacobian: Array) -> Array:
 def _svd(here: Evaluation[State], scale: Array) -> tuple[Array, Array, Array]:
     """(U' r, singular values, V') of the scaled Jacobian, rounding-level directions removed."""
     stacked = np.column_stack([here.jacobian / scale, here.residual])
-    triangle: Array = np.linalg.qr(stacked, mode="r")
+    triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
     left, singular, right = np.linalg.svd(triangle[:, :-1], full_matrices=False)
     kept = singular > _ROUNDING * singular[:1].sum()
     return (left.T @ triangle[:, -1])[kept], singular[kept], right[kept]

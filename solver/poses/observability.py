@@ -40,7 +40,7 @@ def observability(jacobian: Array, *, scaled: bool) -> Observability:
     if scaled:
         norms = np.linalg.norm(jacobian, axis=0)
         jacobian = jacobian / np.where(norms > 0, norms, 1.0)
-    singular = np.linalg.svd(jacobian, compute_uv=False)
+    singular: Array = np.asarray(np.linalg.svd(jacobian, compute_uv=False), dtype=np.float64)
     smallest = float(singular[-1])
     with np.errstate(divide="ignore"):
         product = float(np.exp(np.mean(np.log(singular))) / np.sqrt(rows))
