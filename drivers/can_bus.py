@@ -1,0 +1,175 @@
+"""A CAN bus through python-can, made safe to use for hours.
+
+python-can's buses raise whatever their libraries raise, and some of it is harmless (a
+garbled frame) and some is not (the adapter is gone). Here a bus gives frames stamped on
+arrival, counts what is garbled, and raises `LinkBroken` when it is gone.
+
+Known habits of python-can 4.6 that are handled here: slcan raises ValueError for bad hex,
+and pads a short payload in silence; it waits 2 s after opening, for boards that reset, which
+is skipped on a pty and on a URL; its ``shutdown`` leaves a dead port open; ``send`` without
+a timeout may block for ever on a peer that does not read; only a terminal's path is
+protected against a second user. Time stamps of the library follow the wall clock, so the
+arrival is stamped here.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import can
+from can.exceptions import error_check
+from can.interfaces import VALID_INTERFACES
+
+from drivers.errors import LinkBroken, LinkClosed, OptionError
+from drivers.link import Clock
+from drivers.ports import DeviceLock, is_pseudo_terminal, open_error
+from recordings.rig import CanPort
+
+SEND_TIMEOUT_S = 0.25
+LONGEST = 8
+
+# Without a handler of its own, Python prints a library's warnings to the terminal of the user.
+logging.getLogger("can").addHandler(logging.NullHandler())
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A CAN data frame with an 11-bit identifier.
+
+    Attributes:
+        cob_id: CAN identifier (CANopen: communication object identifier).
+        data: payload, 0 to 8 bytes.
+        time_ns: when it arrived.
+    """
+
+    cob_id: int
+    data: bytes
+    time_ns: int
+
+
+class Bus(Protocol):
+    """What is used of a python-can bus."""
+
+    def recv(self, timeout: float | None = None) -> can.Message | None: ...
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None: ...
+
+    def shutdown(self) -> None: ...
+
+
+def connect(port: CanPort) -> Bus:
+    """A python-can bus for ``port``; raises whatever the interface raises."""
+    options: dict[str, Any] = dict(port.options)
+    if port.interface == "slcan" and ("://" in port.channel or is_pseudo_terminal(port.channel)):
+        options.setdefault("sleep_after_open", 0.0)
+    return can.Bus(interface=port.interface, channel=port.channel, bitrate=port.bitrate, **options)
+
+
+class CanBus:
+    """A bus that can be opened again.
+
+    Args:
+        port: what to open.
+        clock: stamps arrivals.
+        connect: makes the python-can bus.
+
+    Attributes:
+        malformed: frames that made no sense, since the bus was made.
+        error_frames: error frames of the controller, since the bus was made.
+    """
+
+    def __init__(
+        self, port: CanPort, clock: Clock, connect: Callable[[CanPort], Bus] = connect
+    ) -> None:
+        if port.interface not in VALID_INTERFACES:
+            raise OptionError(
+                f"port '{port.name}': 'interface' is '{port.interface}', "
+                f"expected one of: {', '.join(sorted(VALID_INTERFACES))}"
+            )
+        self._port = port
+        self._clock = clock
+        self._connect = connect
+        self._lock = DeviceLock()
+        self._bus: Bus | None = None
+        self.malformed = 0
+        self.error_frames = 0
+
+    def open(self) -> None:
+        """Open the bus; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
+        try:
+            if self._port.interface == "slcan":
+                self._lock.acquire(self._port.channel)
+            with error_check(exception_type=can.CanInitializationError):
+                self._bus = self._connect(self._port)
+        except (can.CanError, OSError) as error:
+            self._lock.release()
+            raise open_error(self._port.name, self._port.channel, error) from error
+
+    def send(self, cob_id: int, data: bytes) -> None:
+        """Send a data frame; raises LinkBroken or LinkClosed."""
+        message = can.Message(arbitration_id=cob_id, data=data, is_extended_id=False)
+        bus = self._open_bus()
+        try:
+            with error_check():
+                bus.send(message, timeout=SEND_TIMEOUT_S)
+        except can.CanError as error:
+            raise self._broken(error) from error
+
+    def receive(self, timeout_s: float) -> Frame | None:
+        """The next data frame, or None after ``timeout_s`` or something that is not one.
+
+        Raises:
+            LinkBroken: the bus is gone.
+            LinkClosed: the bus is not open.
+        """
+        bus = self._open_bus()
+        try:
+            message = self._next_message(bus, timeout_s)
+            time_ns = self._clock.now_ns()
+        except can.CanError as error:
+            raise self._broken(error) from error
+        if message is None or message.is_remote_frame:
+            return None
+        if message.is_error_frame:
+            self.error_frames += 1
+            return None
+        if message.is_extended_id or message.is_fd:
+            return None
+        if message.dlc > LONGEST or len(message.data) != message.dlc:
+            self.malformed += 1
+            return None
+        return Frame(message.arbitration_id, bytes(message.data), time_ns)
+
+    def close(self) -> None:
+        """Let the bus go; harmless when it is not open."""
+        bus, self._bus = self._bus, None
+        try:
+            if bus is not None:
+                with error_check():
+                    bus.shutdown()
+        except can.CanError:
+            # A dead slcan port cannot take the farewell; its descriptor is still ours to close.
+            serial_port = getattr(bus, "serialPortOrig", None)
+            if serial_port is not None:
+                serial_port.close()
+        finally:
+            self._lock.release()
+
+    def _next_message(self, bus: Bus, timeout_s: float) -> can.Message | None:
+        with error_check():
+            try:
+                return bus.recv(timeout_s)
+            except (ValueError, IndexError):
+                self.malformed += 1
+                return None
+
+    def _open_bus(self) -> Bus:
+        if self._bus is None:
+            raise LinkClosed(f"port '{self._port.name}' is not open")
+        return self._bus
+
+    def _broken(self, error: can.CanError) -> LinkBroken:
+        return LinkBroken(f"port '{self._port.name}' at '{self._port.channel}' is gone: {error}")

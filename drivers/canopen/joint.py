@@ -1,0 +1,354 @@
+"""Joint drives by CANopen, device profile CiA 402.
+
+Wire contract (node id n, little-endian; all commands by SDO):
+
+    0x6040  u16  control word, see `drivers.canopen.cia402`
+    0x6041  u16  status word
+    0x6060  i8   mode of operation: 1 profile position, 4 profile torque
+    0x6061  i8   mode of operation display
+    0x6064  i32  actual position [counts of the channel that senses the joint]
+    0x607A  i32  target position [the same]; taken by control bit 4, acknowledged by status bit 12
+    0x6071  i16  target torque [per mille of rated torque]
+    0x603F  u16  error code, read when the drive is in fault
+    0x1016:1 u32 heartbeat consumer: master_id << 16 | time [ms]
+    TPDO1 0x180 + n  bytes 0-1 status word, byte 2 mode display if present; on SYNC or event
+
+FREE is profile torque with target torque 0. A drive is switched on only after its heartbeat
+consumer has been set, so that it falls into its safe state by itself when this program dies;
+``heartbeat_timeout_s = 0`` says that the drive has no such thing, or has it set up already.
+
+Options: ``node_id`` (1 to 127), ``master_id`` (default 127), ``heartbeat_timeout_s``
+(default 1.0). The device names its ``joint`` and delivers no channel.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from pydantic import Field, model_validator
+
+from drivers.can_bus import Frame
+from drivers.canopen import cia402
+from drivers.canopen.cia402 import Operation, State, state_of
+from drivers.canopen.device import Identity, Wire
+from drivers.canopen.identity import identify
+from drivers.canopen.link import NMT, NMT_START, CanopenLink
+from drivers.canopen.sdo import Sdo
+from drivers.driver import DeviceSpec, Driver
+from drivers.errors import BadCommand, DeviceRefused, Malformed, OptionError
+from drivers.link import JointDrive
+from drivers.schedule import SECOND
+from drivers.tally import Tally
+from recordings.events import Event, Mode, ModeReport
+from recordings.rig import CanPort
+from recordings.rig.quantity import Described, fail
+
+PROFILE = 402
+SHORTEST_HEARTBEAT_S = 0.3
+"""Three periods of the master's heartbeat."""
+
+TRANSITION_S = 2.0
+"""How long a drive may take to change its state: brakes and capacitors need their time."""
+
+ACKNOWLEDGE_S = 0.5
+FRESH_NS = SECOND // 5
+
+
+class JointOptions(Described):
+    """Options of a ``canopen-joint``."""
+
+    quantities: ClassVar[dict[str, tuple[str, ...]]] = {"heartbeat_timeout": ("s",)}
+
+    node_id: int = Field(ge=1, le=127)
+    master_id: int = Field(default=127, ge=1, le=127)
+    heartbeat_timeout: float = 1.0
+
+    @model_validator(mode="after")
+    def _heartbeat_can_be_kept(self) -> JointOptions:
+        timeout_s = self.heartbeat_timeout
+        if timeout_s != 0 and not SHORTEST_HEARTBEAT_S <= timeout_s <= 65.535:
+            raise fail(
+                f"'heartbeat_timeout_s' is {timeout_s}, expected 0 (none) or "
+                f"{SHORTEST_HEARTBEAT_S} to 65.535"
+            )
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class DriveState:
+    """What a drive showed at ``time_ns``: status word, and mode display where it was shown."""
+
+    status: int
+    display: int
+    time_ns: int
+
+
+def decode(data: bytes) -> tuple[int, int | None]:
+    """Status word and mode display (None where absent) of a TPDO; raises Malformed."""
+    if len(data) < 2:
+        raise Malformed(f"a status PDO of {len(data)} bytes ({data.hex()}), expected 2 or more")
+    display = int.from_bytes(data[2:3], "little", signed=True) if len(data) > 2 else None
+    return int.from_bytes(data[:2], "little"), display
+
+
+def mode_of(state: State, display: int, torque: int) -> Mode:
+    """The mode of a drive.
+
+    Args:
+        state: its state.
+        display: mode of operation display.
+        torque: target torque last commanded; profile torque at 0 is a free joint.
+    """
+    if state in (State.FAULT, State.FAULT_REACTION):
+        return Mode.FAULT
+    if state not in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE):
+        return Mode.OFF
+    if display == Operation.PROFILE_POSITION:
+        return Mode.POSITION
+    if display == Operation.PROFILE_TORQUE:
+        return Mode.TORQUE if torque else Mode.FREE
+    return Mode.UNKNOWN
+
+
+class CanopenJoint:
+    """One joint drive. See `drivers.link.JointDrive` and `drivers.canopen.device.CanopenDevice`."""
+
+    tallies: Mapping[str, Tally]
+
+    def __init__(self, spec: DeviceSpec[JointOptions]) -> None:
+        if spec.joint is None:
+            raise OptionError(f"device '{spec.name}' is a joint drive; say which 'joint' it moves")
+        if spec.channels:
+            raise OptionError(
+                f"channel '{spec.channels[0].name}' names the joint drive '{spec.name}' as its "
+                f"device; a drive delivers no channel, name the sensor's device"
+            )
+        self.name = spec.name
+        self.driver = spec.driver
+        self.joint: str = spec.joint
+        self.node_id = spec.options.node_id
+        self._master_id = spec.options.master_id
+        self.master_id: int | None = self._master_id
+        self.cob_ids: tuple[int, ...] = (0x180 + self.node_id,)
+        self.tallies = {}
+        self.drive: JointDrive | None = self
+        self._heartbeat_ms = round(spec.options.heartbeat_timeout * 1000)
+        self._guarded = False
+        self._commanding = threading.Lock()
+        self._mode = Mode.UNKNOWN
+        self._torque = 0
+        self._error_code = 0
+        self._latest: DriveState | None = None
+        self._reported: ModeReport | None = None
+
+    def attach(self, wire: Wire) -> None:
+        """Belong to a bus."""
+        self._wire = wire
+        self._sdo: Sdo = wire.sdo(self.node_id)
+
+    def identify(self) -> Identity:
+        """Ask it who it is; raises DeviceSilent, DeviceRefused or LinkBroken."""
+        return identify(self._sdo, PROFILE, "drive")
+
+    def start(self) -> None:
+        """Have it watch the master and report its state; raises as `identify`."""
+        with self._commanding:
+            self._guard()
+        self._wire.send(NMT, bytes([NMT_START, self.node_id]))
+
+    def set_mode(self, mode: Mode) -> None:
+        """Switch the mode; see `drivers.link.JointDrive.set_mode`."""
+        with self._commanding:
+            if mode is Mode.OFF:
+                self._switch_off()
+            elif mode is Mode.POSITION:
+                self._switch_on(Operation.PROFILE_POSITION)
+            elif mode in (Mode.FREE, Mode.TORQUE):
+                self._switch_on(Operation.PROFILE_TORQUE)
+            else:
+                raise BadCommand(
+                    f"{self.name} was told the mode {mode.name}; "
+                    f"expected OFF, FREE, POSITION or TORQUE"
+                )
+            self._mode = mode
+
+    def move_to(self, target_raw: int) -> None:
+        """Move to a target [counts]; see `drivers.link.JointDrive.move_to`."""
+        if not -(1 << 31) <= target_raw < 1 << 31:
+            raise BadCommand(f"{self.name}: the target {target_raw} does not fit 32 bits")
+        with self._commanding:
+            self._require(Mode.POSITION)
+            self._sdo.write(0x607A, 0, target_raw, size=4)
+            new = cia402.ENABLE_OPERATION | cia402.CHANGE_AT_ONCE | cia402.NEW_SET_POINT
+            self._sdo.write(0x6040, 0, new, size=2)
+            try:
+                self._wait_for(
+                    lambda shown: bool(shown.status & cia402.SET_POINT_ACKNOWLEDGED),
+                    ACKNOWLEDGE_S,
+                    f"did not take the target {target_raw}",
+                )
+            finally:
+                # The next target needs a rising edge of the bit, whatever became of this one.
+                self._sdo.write(0x6040, 0, cia402.ENABLE_OPERATION, size=2)
+
+    def set_torque(self, permille: int) -> None:
+        """Set the torque [per mille of rated]; see `drivers.link.JointDrive.set_torque`."""
+        if not -(1 << 15) <= permille < 1 << 15:
+            raise BadCommand(f"{self.name}: the torque {permille} does not fit 16 bits")
+        with self._commanding:
+            self._require(Mode.TORQUE)
+            self._sdo.write(0x6071, 0, permille, size=2)
+            self._torque = permille
+
+    def report(self) -> ModeReport:
+        """What it says it is doing, at most 0.2 s old; raises as `identify`."""
+        shown = self._latest
+        if shown is None or self._wire.now_ns() - shown.time_ns > FRESH_NS:
+            shown = self._read()
+        if state_of(shown.status) is State.FAULT and not self._error_code:
+            self._error_code = self._sdo.read_integer(0x603F)
+        return self._report_of(shown)
+
+    def receive(self, frame: Frame) -> Sequence[Event]:
+        """Take a status PDO; a report when something has changed. Raises Malformed."""
+        status, display = decode(frame.data)
+        state_of(status)
+        if display is None:
+            # The drive does not show its mode by PDO: what SDO showed last still holds.
+            display = Operation.NONE if self._latest is None else self._latest.display
+        self._latest = DriveState(status, display, frame.time_ns)
+        return self._changes(self._latest)
+
+    def sync(self, time_ns: int) -> Sequence[Event]:
+        """SYNC asks nothing of a drive: it may report by event."""
+        return ()
+
+    def emergency(self, code: int, time_ns: int) -> Sequence[Event]:
+        """It reported an error, or that it has none any more."""
+        self._error_code = code if code >> 8 else 0
+        if self._latest is None:
+            return ()
+        return self._changes(DriveState(self._latest.status, self._latest.display, time_ns))
+
+    def restarted(self) -> None:
+        """It has booted: it is off, and nobody guards it."""
+        self._guarded = False
+        self._mode = Mode.OFF
+        self._latest = None
+
+    def _changes(self, shown: DriveState) -> Sequence[Event]:
+        report = self._report_of(shown)
+        last = self._reported
+        if last is not None and (last.mode, last.status, last.error_code) == (
+            report.mode,
+            report.status,
+            report.error_code,
+        ):
+            return ()
+        self._reported = report
+        return (report,)
+
+    def _report_of(self, shown: DriveState) -> ModeReport:
+        state = state_of(shown.status)
+        mode = mode_of(state, shown.display, self._torque)
+        error_code = self._error_code if mode is Mode.FAULT else 0
+        return ModeReport(self.joint, shown.time_ns, mode, shown.status, error_code)
+
+    def _guard(self) -> None:
+        if self._guarded or not self._heartbeat_ms:
+            return
+        try:
+            self._sdo.write(0x1016, 1, self._master_id << 16 | self._heartbeat_ms, size=4)
+        except DeviceRefused as error:
+            raise DeviceRefused(
+                f"{self.name} refuses to watch the master's heartbeat ({error}); without it the "
+                f"joint would stay powered if this program died. If the drive is guarded in "
+                f"another way, set heartbeat_timeout_s = 0"
+            ) from error
+        self._guarded = True
+
+    def _switch_on(self, operation: Operation) -> None:
+        self._guard()
+        if state_of(self._read().status) in (State.FAULT, State.FAULT_REACTION):
+            raise self._faulty("cannot be switched on")
+        if operation is Operation.PROFILE_TORQUE:
+            self._sdo.write(0x6071, 0, 0, size=2)
+            self._torque = 0
+        else:
+            here = self._sdo.read_integer(0x6064, signed=True)
+            self._sdo.write(0x607A, 0, here, size=4)
+        self._sdo.write(0x6060, 0, int(operation), size=1)
+        self._walk(State.OPERATION_ENABLED, lambda state: cia402.TOWARDS_ENABLED.get(state))
+        self._wait_for(
+            lambda shown: shown.display == operation,
+            TRANSITION_S,
+            f"does not enter the mode of operation {int(operation)}",
+        )
+
+    def _switch_off(self) -> None:
+        self._sdo.write(0x6040, 0, cia402.DISABLE_VOLTAGE, size=2)
+        if state_of(self._read().status) is State.FAULT:
+            # A fault whose cause lasts cannot be reset; the drive is unpowered all the same.
+            self._sdo.write(0x6040, 0, cia402.FAULT_RESET, size=2)
+            self._sdo.write(0x6040, 0, cia402.DISABLE_VOLTAGE, size=2)
+            if state_of(self._read().status) is State.FAULT:
+                return
+        self._error_code = 0
+        self._walk(State.SWITCH_ON_DISABLED, lambda state: None)
+
+    def _walk(self, goal: State, command: Callable[[State], int | None]) -> None:
+        """Give the control words that lead to ``goal``, each once a state, until it is reached."""
+        deadline = time.monotonic() + TRANSITION_S
+        commanded: State | None = None
+        while (state := state_of(self._read().status)) is not goal:
+            if state is State.FAULT:
+                raise self._faulty(f"went into fault on the way to {goal.name}")
+            if time.monotonic() > deadline:
+                raise DeviceRefused(
+                    f"{self.name} stays in {state.name}, expected {goal.name} within "
+                    f"{TRANSITION_S} s; check its power and its enable input"
+                )
+            word = command(state)
+            if word is not None and state is not commanded:
+                self._sdo.write(0x6040, 0, word, size=2)
+                commanded = state
+
+    def _wait_for(
+        self, holds: Callable[[DriveState], bool], timeout_s: float, complaint: str
+    ) -> None:
+        deadline = time.monotonic() + timeout_s
+        while not holds(shown := self._read()):
+            if state_of(shown.status) is State.FAULT:
+                raise self._faulty(complaint)
+            if time.monotonic() > deadline:
+                raise DeviceRefused(
+                    f"{self.name} {complaint} within {timeout_s} s "
+                    f"(status word 0x{shown.status:04X}, mode display {shown.display})"
+                )
+
+    def _require(self, mode: Mode) -> None:
+        if self._mode is not mode:
+            raise BadCommand(
+                f"{self.name} is in mode {self._mode.name}, expected {mode.name}; set it first"
+            )
+
+    def _faulty(self, complaint: str) -> DeviceRefused:
+        self._error_code = self._sdo.read_integer(0x603F)
+        return DeviceRefused(
+            f"{self.name} {complaint}: it is in fault with the error code "
+            f"0x{self._error_code:04X}; remove the cause, then switch it OFF to acknowledge"
+        )
+
+    def _read(self) -> DriveState:
+        """State and mode by SDO: what it shows now, whatever PDOs are under way."""
+        status = self._sdo.read_integer(0x6041)
+        display = self._sdo.read_integer(0x6061, signed=True)
+        self._latest = DriveState(status, display, self._wire.now_ns())
+        return self._latest
+
+
+DRIVER = Driver(options=JointOptions, port=CanPort, make=CanopenJoint, link=CanopenLink)

@@ -1,0 +1,169 @@
+"""A serial line with one Modbus master: sends a request, waits for the reply that belongs to it.
+
+Owns the port, the silence between frames, and the arrival time of a reply (its last byte).
+What bytes are a reply is `drivers.modbus.rtu`'s decision.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import serial  # type: ignore[import-untyped]
+
+from drivers.errors import DeviceRefused, DeviceSilent, LinkBroken, LinkClosed, Malformed
+from drivers.link import Clock
+from drivers.modbus.rtu import Identify, Read, Reply, Verdict, complete_but_damaged, replies
+from drivers.ports import open_error
+from recordings.rig import SerialPort
+
+READ_SLICE_S = 0.01
+"""How long one read of the port waits for a byte."""
+
+WRITE_TIMEOUT_S = 0.25
+SHORTEST_SILENCE_S = 1.75e-3
+SILENCE_CHARACTERS = 3.5
+BITS_PER_CHARACTER = 11
+
+
+class Stream(Protocol):
+    """What is used of a pyserial port."""
+
+    @property
+    def in_waiting(self) -> int: ...
+
+    def read(self, size: int = 1) -> bytes: ...
+
+    def write(self, b: bytes, /) -> int | None: ...
+
+    def close(self) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A reply that belongs to its request, and when its last byte arrived."""
+
+    reply: Reply
+    time_ns: int
+
+
+def connect(port: SerialPort) -> Stream:
+    """A pyserial port, locked against a second user; raises OSError or ValueError."""
+    stream: Stream = serial.serial_for_url(
+        port.path,
+        baudrate=port.baudrate,
+        parity=port.parity,
+        stopbits=port.stopbits,
+        timeout=READ_SLICE_S,
+        write_timeout=WRITE_TIMEOUT_S,
+        exclusive=True,
+    )
+    return stream
+
+
+class RtuLine:
+    """A line that can be opened again.
+
+    Args:
+        port: what to open.
+        clock: stamps arrivals.
+        connect: makes the stream.
+
+    Attributes:
+        late: replies that came after their request had been given up, since the line was made.
+    """
+
+    def __init__(
+        self, port: SerialPort, clock: Clock, connect: Callable[[SerialPort], Stream] = connect
+    ) -> None:
+        self._port = port
+        self._clock = clock
+        self._connect = connect
+        self._stream: Stream | None = None
+        self._character_s = BITS_PER_CHARACTER / port.baudrate
+        self._silence_s = max(SHORTEST_SILENCE_S, SILENCE_CHARACTERS * self._character_s)
+        self._busy_until_s = 0.0
+        self.late = 0
+
+    def open(self) -> None:
+        """Open the port; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
+        try:
+            self._stream = self._connect(self._port)
+        except (OSError, ValueError) as error:
+            raise open_error(self._port.name, self._port.path, error) from error
+
+    def close(self) -> None:
+        """Let the port go; harmless when it is not open."""
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            stream.close()
+
+    def ask(self, request: Read | Identify, timeout_s: float) -> Answer:
+        """Send ``request`` and return the reply that belongs to it.
+
+        Args:
+            request: what to ask, of whom.
+            timeout_s: longest time from the end of the request to the end of the reply, beside
+                the time that the bytes take on the line.
+
+        Raises:
+            DeviceSilent: no reply in time.
+            DeviceRefused: an exception reply.
+            Malformed: a damaged reply.
+            LinkBroken: the port is gone.
+            LinkClosed: the port is not open.
+        """
+        stream = self._stream
+        if stream is None:
+            raise LinkClosed(f"port '{self._port.name}' is not open")
+        try:
+            return self._ask(stream, request, timeout_s)
+        except OSError as error:
+            raise LinkBroken(
+                f"port '{self._port.name}' at '{self._port.path}' is gone: {error}"
+            ) from error
+
+    def _ask(self, stream: Stream, request: Read | Identify, timeout_s: float) -> Answer:
+        frame = request.encode()
+        self._drop_waiting(stream, request)
+        stream.write(frame)
+        # The request may still be in the port's buffer, and the reply takes its time too.
+        on_the_line_s = (len(frame) + request.longest_reply) * self._character_s
+        deadline = time.monotonic() + on_the_line_s + timeout_s
+        came = b""
+        seen = 0
+        while time.monotonic() < deadline:
+            chunk = stream.read(max(1, stream.in_waiting))
+            time_ns = self._clock.now_ns()
+            if not chunk:
+                if complete_but_damaged(came, request):
+                    break
+                continue
+            self._busy_until_s = time.monotonic() + self._silence_s
+            came += chunk
+            for reply in list(replies(came, request))[seen:]:
+                seen += 1
+                if reply.verdict is Verdict.LATE:
+                    self.late += 1
+                elif reply.verdict is Verdict.REFUSAL:
+                    raise DeviceRefused(f"unit {request.unit} answers {reply.exception_text}")
+                else:
+                    return Answer(reply, time_ns)
+        if complete_but_damaged(came, request):
+            raise Malformed(f"unit {request.unit} sent a reply with a wrong checksum: {came.hex()}")
+        noise = f", but {len(came)} bytes that are no reply" if came and not seen else ""
+        raise DeviceSilent(
+            f"unit {request.unit} sent no reply within {timeout_s} s{noise}; check its unit id, "
+            f"baud rate ({self._port.baudrate}), parity ({self._port.parity}), power and wiring"
+        )
+
+    def _drop_waiting(self, stream: Stream, request: Read | Identify) -> None:
+        """Drop what came unasked, and let the line be silent before a frame."""
+        while waiting := stream.in_waiting:
+            self.late += sum(1 for _ in replies(stream.read(waiting), request))
+            self._busy_until_s = time.monotonic() + self._silence_s
+        left_s = self._busy_until_s - time.monotonic()
+        if left_s > 0:
+            time.sleep(left_s)

@@ -1,0 +1,237 @@
+"""The link of a Modbus RTU line: polls its devices on a schedule, supervises the port.
+
+Each instant of the schedule polls every device once, in the order of the rig. A device that
+does not answer costs the others the time of its timeout; instants that pass meanwhile are
+counted as its own losses, and as a gap of the others.
+
+When the port goes away, it is opened again after growing delays (0.25 s to 4 s), and the
+samples that were due meanwhile are counted as lost.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
+
+from drivers.errors import (
+    DeviceRefused,
+    DeviceSilent,
+    DriverError,
+    LinkBroken,
+    LinkClosed,
+    Malformed,
+    OptionError,
+)
+from drivers.faults import FaultKind, FaultThrottle
+from drivers.link import Clock, DeviceStatus, JointDrive, Losses
+from drivers.modbus.line import RtuLine, Stream, connect
+from drivers.outage import LONGEST_WAIT_S, Outage
+from drivers.schedule import SECOND, Schedule
+from drivers.tally import Tally
+from recordings.events import Event, Fault, Reading
+from recordings.rig import SerialPort
+
+
+class PolledDevice(Protocol):
+    """A device that answers when it is asked.
+
+    Attributes:
+        name: device name of the rig.
+        driver: driver name.
+        unit_id: Modbus address.
+        tallies: of the channels that it delivers, by name.
+    """
+
+    name: str
+    driver: str
+    unit_id: int
+    tallies: Mapping[str, Tally]
+
+    def identify(self, line: RtuLine) -> str:
+        """Ask it who it is, "" where it cannot say; raises DriverError where it does not answer."""
+        ...
+
+    def poll(self, line: RtuLine) -> Sequence[Reading]:
+        """Ask for one reading of each channel; raises DriverError, then there are none."""
+        ...
+
+
+VIRTUAL_PREFIX = "loopcal virtual"
+"""How the identification of a simulated device begins."""
+
+
+class ModbusLink:
+    """All Modbus devices of one serial port. See `drivers.link.Link`.
+
+    Raises:
+        OptionError: two devices have one unit id; their replies could not be told apart.
+    """
+
+    def __init__(
+        self,
+        port: SerialPort,
+        devices: Sequence[PolledDevice],
+        clock: Clock,
+        connect: Callable[[SerialPort], Stream] = connect,
+    ) -> None:
+        self.name = port.name
+        self.joints: Mapping[str, JointDrive] = {}
+        _refuse_shared_units(port, devices)
+        self._devices = tuple(devices)
+        self._clock = clock
+        self._line = RtuLine(port, clock, connect)
+        self._tallies = {name: tally for d in devices for name, tally in d.tallies.items()}
+        self._turn = threading.Lock()
+        self._closing = threading.Event()
+        self._closing.set()
+        self._outage = Outage(port.name, self._line, self._tallies.values(), clock, self._closing)
+        self._pending: deque[Event] = deque()
+        self._throttle = FaultThrottle()
+        self._failing: set[str] = set()
+        self._schedule: Schedule | None = None
+        self._late = 0
+
+    def open(self) -> None:
+        """Open the port; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
+        with self._turn:
+            self._line.open()
+            self._outage.end()
+            self._closing.clear()
+
+    def check(self) -> tuple[DeviceStatus, ...]:
+        """Ask all devices, one after another, who they are; raises LinkClosed."""
+        self._require_open()
+        return tuple(self._check(device) for device in self._devices)
+
+    def start(self, sample_hz: float) -> None:
+        """Begin to poll; raises LinkClosed."""
+        self._require_open()
+        with self._turn:
+            self._schedule = Schedule(sample_hz, self._clock.now_ns())
+
+    def pump(self, timeout_s: float) -> Sequence[Event]:
+        """Poll if it is time, else wait for the time; raises LinkClosed."""
+        self._require_open()
+        with self._turn:
+            self._serve(timeout_s)
+            events = list(self._pending)
+            self._pending.clear()
+        return events
+
+    def losses(self) -> Mapping[str, Losses]:
+        """Losses of each channel, in step with the readings that `pump` has returned."""
+        with self._turn:
+            return {name: tally.losses() for name, tally in self._tallies.items()}
+
+    def stop(self) -> None:
+        """End polling."""
+        with self._turn:
+            self._schedule = None
+
+    def close(self) -> None:
+        """Let the port go."""
+        self._closing.set()
+        with self._turn:
+            self._schedule = None
+            self._line.close()
+
+    def _serve(self, timeout_s: float) -> None:
+        now_ns = self._clock.now_ns()
+        self._pending.extend(self._throttle.due(now_ns))
+        if self._outage.lasts:
+            missed = self._schedule.due(now_ns) if self._schedule is not None else 0
+            reopened = self._outage.serve(missed, timeout_s)
+            if reopened is not None:
+                self._pending.append(reopened)
+            return
+        if self._schedule is None:
+            self._closing.wait(min(timeout_s, LONGEST_WAIT_S))
+            return
+        if now_ns < self._schedule.next_ns:
+            self._closing.wait(min(timeout_s, (self._schedule.next_ns - now_ns) / SECOND))
+            now_ns = self._clock.now_ns()
+        if instants := self._schedule.due(now_ns):
+            self._poll_all(instants)
+
+    def _poll_all(self, instants: int) -> None:
+        for device in self._devices:
+            for tally in device.tallies.values():
+                _ask(tally, instants, failing=device.name in self._failing)
+        for device in self._devices:
+            try:
+                self._poll(device)
+            except LinkBroken as error:
+                self._pending.append(self._outage.begin(error, sampling=True))
+                return
+
+    def _poll(self, device: PolledDevice) -> None:
+        try:
+            readings = device.poll(self._line)
+        except (DeviceSilent, DeviceRefused) as error:
+            kind = FaultKind.SILENT if isinstance(error, DeviceSilent) else FaultKind.REFUSED
+            if device.name not in self._failing:
+                self._failing.add(device.name)
+                self._fault(device.name, kind, f"{device.name}: {error}")
+        except Malformed as error:
+            self._fault(device.name, FaultKind.MALFORMED, f"{device.name}: {error}")
+        else:
+            for reading in readings:
+                device.tallies[reading.channel].receive()
+            if device.name in self._failing:
+                self._failing.discard(device.name)
+                self._fault(device.name, FaultKind.ANSWERING, f"{device.name} answers again")
+            self._pending.extend(readings)
+        for tally in device.tallies.values():
+            tally.give_up()
+        if self._line.late > self._late:
+            text = f"{device.name}: a reply came after its request was given up; it was discarded"
+            self._fault(device.name, FaultKind.LATE, text)
+            self._late = self._line.late
+
+    def _fault(self, source: str, kind: FaultKind, text: str) -> None:
+        self._pending.extend(self._throttle.offer(Fault(self._clock.now_ns(), source, kind, text)))
+
+    def _check(self, device: PolledDevice) -> DeviceStatus:
+        channels = tuple(device.tallies)
+        try:
+            with self._turn:
+                identity = device.identify(self._line)
+        except DriverError as error:
+            return DeviceStatus(
+                device.name, device.driver, self.name, channels, answers=False, problem=str(error)
+            )
+        return DeviceStatus(
+            name=device.name,
+            driver=device.driver,
+            port=self.name,
+            channels=channels,
+            answers=True,
+            identity=identity,
+            virtual=identity.startswith(VIRTUAL_PREFIX),
+        )
+
+    def _require_open(self) -> None:
+        if self._closing.is_set():
+            raise LinkClosed(f"port '{self.name}' is not open; call open() first")
+
+
+def _ask(tally: Tally, instants: int, *, failing: bool) -> None:
+    """Count the instants that have come: one is polled; the device that failed lost the others."""
+    if instants > 1 and not failing:
+        tally.begin_gap()
+        tally.lose(instants - 1)
+        instants = 1
+    tally.ask(instants)
+
+
+def _refuse_shared_units(port: SerialPort, devices: Sequence[PolledDevice]) -> None:
+    units: dict[int, str] = {}
+    for device in devices:
+        if device.unit_id in units:
+            raise OptionError(
+                f"'{units[device.unit_id]}' and '{device.name}' on port '{port.name}' both have "
+                f"unit_id = {device.unit_id}; unit ids must differ"
+            )
+        units[device.unit_id] = device.name

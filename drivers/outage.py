@@ -1,0 +1,111 @@
+"""What a link does while its port is away: try to open it, wait in between, count what is lost.
+
+Attempts follow growing delays (`drivers.schedule.Backoff`); between them the caller's thread
+waits, so that an absent adapter costs no processor time.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Collection
+from typing import Protocol
+
+from drivers.errors import DriverError, LinkBroken
+from drivers.faults import FaultKind
+from drivers.link import Clock
+from drivers.schedule import SECOND, Backoff
+from drivers.tally import Tally
+from recordings.events import Fault
+
+LONGEST_WAIT_S = 0.05
+"""Longest wait in one turn of a link: how soon another thread gets its turn."""
+
+
+class Reopenable(Protocol):
+    """What can be opened and closed again and again."""
+
+    def open(self) -> None:
+        """Open it; raises DriverError."""
+        ...
+
+    def close(self) -> None:
+        """Let it go; harmless when it is not open."""
+        ...
+
+
+class Outage:
+    """The outages of one port.
+
+    Args:
+        name: port name of the rig.
+        port: what to open again.
+        tallies: of all channels that come through the port.
+        clock: time of the session.
+        closing: set when the link is being closed; ends a wait.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        port: Reopenable,
+        tallies: Collection[Tally],
+        clock: Clock,
+        closing: threading.Event,
+    ) -> None:
+        self._name = name
+        self._port = port
+        self._tallies = tallies
+        self._clock = clock
+        self._closing = closing
+        self._backoff: Backoff | None = None
+        self._since_ns = 0
+
+    @property
+    def lasts(self) -> bool:
+        """Whether the port is away."""
+        return self._backoff is not None
+
+    def begin(self, error: LinkBroken, *, sampling: bool) -> Fault:
+        """The port has gone away; returns what to report."""
+        self._since_ns = self._clock.now_ns()
+        self._port.close()
+        self._backoff = Backoff(self._since_ns)
+        if sampling:
+            for tally in self._tallies:
+                tally.begin_gap()
+        return Fault(self._since_ns, self._name, FaultKind.BROKEN, str(error))
+
+    def serve(self, missed: int, timeout_s: float) -> Fault | None:
+        """One turn of an outage: try to open the port if it is time, else wait.
+
+        Args:
+            missed: samples that fell due since the last turn.
+            timeout_s: longest wait [s].
+
+        Returns:
+            What to report once the port is open again, else None.
+        """
+        for tally in self._tallies:
+            tally.lose(missed)
+        now_ns = self._clock.now_ns()
+        if self._backoff is None:
+            return None
+        if now_ns < self._backoff.next_ns:
+            wait_s = (self._backoff.next_ns - now_ns) / SECOND
+            self._closing.wait(min(timeout_s, LONGEST_WAIT_S, wait_s))
+            return None
+        try:
+            self._port.open()
+        except DriverError:
+            # Still away. BROKEN has been reported; what it costs is counted, not repeated.
+            self._backoff.failed(self._clock.now_ns())
+            return None
+        self.end()
+        now_ns = self._clock.now_ns()
+        away_s = (now_ns - self._since_ns) / SECOND
+        text = f"port '{self._name}' is open again after {away_s:.1f} s"
+        return Fault(now_ns, self._name, FaultKind.REOPENED, text)
+
+    def end(self) -> None:
+        """The port is open."""
+        self._backoff = None

@@ -1,0 +1,135 @@
+"""Finds drivers by name, checks what a rig says about its devices, and makes the links.
+
+Nothing here touches hardware: a rig that a driver cannot serve is refused before any port
+is opened, with the key, what was found and what is allowed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.metadata import entry_points
+from typing import Any
+
+from pydantic import ValidationError
+
+from drivers.canopen import encoder, joint
+from drivers.driver import DeviceSpec, Driver
+from drivers.errors import OptionError
+from drivers.link import Clock, Link
+from drivers.modbus import adc
+from recordings.rig import CanPort, Device, Rig, SerialPort
+
+GROUP = "loopcal.drivers"
+
+BUILT_IN: Mapping[str, Driver[Any, Any, Any]] = {
+    "canopen-encoder": encoder.DRIVER,
+    "canopen-joint": joint.DRIVER,
+    "modbus-adc": adc.DRIVER,
+}
+
+
+def driver_names() -> tuple[str, ...]:
+    """Names of all drivers that a rig can use here."""
+    return tuple(sorted({*BUILT_IN, *entry_points(group=GROUP).names}))
+
+
+def find_driver(name: str) -> Driver[Any, Any, Any]:
+    """The driver called ``name``; raises OptionError."""
+    if name in BUILT_IN:
+        return BUILT_IN[name]
+    found = list(entry_points(group=GROUP, name=name))
+    if not found:
+        known = ", ".join(driver_names())
+        raise OptionError(f"there is no driver '{name}'; installed drivers: {known}")
+    try:
+        driver = found[0].load()
+    except (ImportError, AttributeError) as error:
+        raise OptionError(
+            f"the driver '{name}' cannot be loaded from '{found[0].value}': {error}"
+        ) from error
+    if not isinstance(driver, Driver):
+        raise OptionError(
+            f"the entry point '{name}' gives {type(driver).__name__} at '{found[0].value}', "
+            f"expected a drivers.driver.Driver"
+        )
+    return driver
+
+
+def make_links(
+    rig: Rig, clock: Clock, overrides: Mapping[str, str] | None = None
+) -> tuple[Link, ...]:
+    """One link for each port of ``rig`` that has devices, in file order. Opens nothing.
+
+    Args:
+        rig: what is connected to what.
+        clock: stamps what arrives and paces the sampling.
+        overrides: path (or CAN channel) to use instead of the rig's, by port name.
+
+    Raises:
+        OptionError: a device, its options or its channels do not fit its driver.
+    """
+    moved = dict(overrides or {})
+    ports = {port.name: port for port in rig.ports}
+    for name in moved:
+        if name not in ports:
+            known = ", ".join(ports) or "(there are none)"
+            raise OptionError(f"there is no port '{name}' in the rig; its ports: {known}")
+    links = []
+    for port in rig.ports:
+        devices = [device for device in rig.devices if device.port == port.name]
+        if devices:
+            links.append(_link(rig, _moved(port, moved.get(port.name)), devices, clock))
+    return tuple(links)
+
+
+def _moved(port: CanPort | SerialPort, path: str | None) -> CanPort | SerialPort:
+    if path is None:
+        return port
+    return port.model_copy(update={"channel" if isinstance(port, CanPort) else "path": path})
+
+
+def _link(rig: Rig, port: CanPort | SerialPort, devices: list[Device], clock: Clock) -> Link:
+    drivers = [find_driver(device.driver) for device in devices]
+    for device, driver in zip(devices, drivers, strict=True):
+        if not isinstance(port, driver.port):
+            raise OptionError(
+                f"device '{device.name}' has the driver '{device.driver}', which needs a port "
+                f"of kind '{driver.port.model_fields['kind'].annotation.__args__[0]}', "
+                f"but its port '{port.name}' is of kind '{port.kind}'"
+            )
+        if driver.link is not drivers[0].link:
+            raise OptionError(
+                f"the port '{port.name}' has devices with the drivers '{devices[0].driver}' and "
+                f"'{device.driver}', which cannot share a port"
+            )
+    made = [
+        driver.make(_spec(rig, device, driver))
+        for device, driver in zip(devices, drivers, strict=True)
+    ]
+    link: Link = drivers[0].link(port, made, clock)
+    return link
+
+
+def _spec(rig: Rig, device: Device, driver: Driver[Any, Any, Any]) -> DeviceSpec[Any]:
+    try:
+        options = driver.options.model_validate(device.options)
+    except ValidationError as error:
+        lines = "; ".join(_fault(fault) for fault in error.errors())
+        raise OptionError(
+            f"device '{device.name}' ({device.driver}) has wrong options: {lines}"
+        ) from error
+    channels = tuple(channel for channel in rig.channels if channel.device == device.name)
+    return DeviceSpec(
+        name=device.name,
+        driver=device.driver,
+        port=device.port,
+        joint=device.joint,
+        channels=channels,
+        options=options,
+    )
+
+
+def _fault(fault: Any) -> str:
+    if fault["type"] == "rig":
+        return str(fault["msg"])
+    return f"'{'.'.join(map(str, fault['loc']))}' is {fault['input']!r}: {fault['msg']}"
