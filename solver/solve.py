@@ -86,8 +86,6 @@ def solve(
         MethodError: the method does not exist or does not fit the mechanism.
         MechanismError: the loop cannot be closed at the nominal parameters.
     """
-    _require_something_to_identify(recording.rig)
-    method_named(method, model_of(recording.rig))  # a wrong name is told before the long work
     return solve_table(recording.rig, average(recording), poses=poses, method=method)
 
 
@@ -95,10 +93,13 @@ def solve_table(
     rig: Rig, table: PoseTable, *, poses: int = DEFAULT_POSES, method: str | None = None
 ) -> Solution:
     """Calibrate ``rig`` from poses that are averaged already; raises as `solve` does."""
-    _require_something_to_identify(rig)
     model = model_of(rig)
     chosen = method_named(method, model)
     space = ParameterSpace.of(parameters(rig))
+    if not space.names:
+        raise NotEnoughData(
+            f"rig '{rig.name}' identifies nothing; set identify = true on the parameters to estimate"
+        )
     observed = Observations(table.counts, table.sigma)
     before = settle(
         model, observed, assemble(model, observed, space.nominal), space.nominal, space.expansion
@@ -143,13 +144,6 @@ def solve_table(
         closure_before=closure[0],
         closure_after=closure[1],
     )
-
-
-def _require_something_to_identify(rig: Rig) -> None:
-    if not any(parameter.identify for parameter in parameters(rig)):
-        raise NotEnoughData(
-            f"rig '{rig.name}' identifies nothing; set identify = true on the parameters to estimate"
-        )
 
 
 def _does_not_close(rig: Rig) -> str:
