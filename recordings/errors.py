@@ -16,9 +16,9 @@ class RecordingError(RecordingsError):
     """A recording cannot be written or read."""
 
 
-class NotARecording(RecordingError):  # noqa: N818 - says what it is
+class NotARecording(RecordingError):
     """The file is not a loopcal recording (foreign, empty, or not MCAP at all)."""
 
 
-class DamagedRecording(RecordingError):  # noqa: N818 - says what it is
+class DamagedRecording(RecordingError):
     """The file is a recording, but it ends early or holds damaged parts."""

@@ -8,6 +8,7 @@ anything is taken from them. Pure: no file. All functions raise `Malformed`.
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import lz4.frame  # type: ignore[import-untyped]
@@ -16,8 +17,10 @@ import zstandard
 MAX_CHUNK_BYTES = 256 * 1024 * 1024
 """Largest uncompressed chunk that is read; writers use 64 KiB to a few MiB."""
 
+_PIECE = 1 << 20
 
-class Malformed(ValueError):  # noqa: N818 - says what it is
+
+class Malformed(ValueError):
     """A record does not say what a record of its kind must say."""
 
 
@@ -181,20 +184,32 @@ def _unzstd(data: bytes, size: int) -> bytes:
     try:
         # A frame may itself claim any size, and the library would allocate it.
         claimed = zstandard.get_frame_parameters(data).content_size
-        if claimed not in (size, zstandard.CONTENTSIZE_UNKNOWN):
+        if claimed == size:
+            return zstandard.ZstdDecompressor().decompress(data)
+        if claimed != zstandard.CONTENTSIZE_UNKNOWN:
             raise Malformed(f"a chunk of {claimed} bytes that should have {size}")
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+        with zstandard.ZstdDecompressor().stream_reader(data) as stream:
+            return _collect(stream.read, size)
     except zstandard.ZstdError as error:
         raise Malformed(f"a chunk that does not decompress ({error})") from error
 
 
 def _unlz4(data: bytes, size: int) -> bytes:
     decompressor = lz4.frame.LZ4FrameDecompressor()
+    left = iter((data,))
     try:
-        # One byte more than there should be, to notice when there is more.
-        out: bytes = decompressor.decompress(data, max_length=size + 1)
+        out = _collect(lambda count: decompressor.decompress(next(left, b""), count), size)
     except (RuntimeError, EOFError) as error:
         raise Malformed(f"a chunk that does not decompress ({error})") from error
-    if not decompressor.eof:
-        raise Malformed("a chunk that does not decompress (it ends early, or is too long)")
     return out
+
+
+def _collect(read: Callable[[int], bytes], size: int) -> bytes:
+    """Up to ``size`` + 1 bytes, in pieces, because a stated size is no reason to allocate it."""
+    out = bytearray()
+    while len(out) <= size:
+        piece = read(min(_PIECE, size + 1 - len(out)))
+        if not piece:
+            break
+        out += piece
+    return bytes(out)
