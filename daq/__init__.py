@@ -1,1 +1,41 @@
-"""."""
+"""A capture session: from a rig and its links to a recording and its ledger.
+
+Owns the host's clock, preflight, the mode commands of a session, standstill detection and
+recording. Knows no wire protocol (`drivers`), no file format (`recordings`) and no
+kinematics.
+"""
+
+from daq.clock import Clock, HostClock, ManualClock
+from daq.errors import (
+    CannotRecord,
+    CaptureError,
+    NotArmed,
+    NotReady,
+    PlanNotPossible,
+    SessionFailed,
+    StopRequested,
+)
+from daq.options import CaptureOptions
+from daq.progress import ChannelProgress, Phase, Progress
+from daq.session import capture
+from daq.summary import CaptureSummary, Ending
+
+__all__ = [
+    "CannotRecord",
+    "CaptureError",
+    "CaptureOptions",
+    "CaptureSummary",
+    "ChannelProgress",
+    "Clock",
+    "Ending",
+    "HostClock",
+    "ManualClock",
+    "NotArmed",
+    "NotReady",
+    "Phase",
+    "PlanNotPossible",
+    "Progress",
+    "SessionFailed",
+    "StopRequested",
+    "capture",
+]

@@ -1,0 +1,62 @@
+"""The time of a session: monotonic, anchored once to UTC, and injected.
+
+A step of the system's clock during a session cannot reorder what was recorded. Waiting
+goes through the clock too, so that a test can let hours pass without sleeping.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Protocol
+
+SECOND = 1_000_000_000
+"""Nanoseconds in a second."""
+
+
+class Clock(Protocol):
+    """What a session asks about time."""
+
+    def now_ns(self) -> int:
+        """Nanoseconds since the Unix epoch; never decreases."""
+        ...
+
+    def wait(self, event: threading.Event, timeout_s: float) -> bool:
+        """Wait until ``event`` is set or ``timeout_s`` has passed; say whether it is set."""
+        ...
+
+
+class HostClock:
+    """The host's monotonic clock, anchored to UTC when it is made."""
+
+    def __init__(self) -> None:
+        self._anchor_ns = time.time_ns() - time.monotonic_ns()
+
+    def now_ns(self) -> int:
+        """Nanoseconds since the Unix epoch, by the monotonic clock."""
+        return self._anchor_ns + time.monotonic_ns()
+
+    def wait(self, event: threading.Event, timeout_s: float) -> bool:
+        """Wait until ``event`` is set or ``timeout_s`` has passed; say whether it is set."""
+        return event.wait(timeout_s)
+
+
+class ManualClock:
+    """Time that passes only when it is told to, or waited for: for tests and replays."""
+
+    def __init__(self, start_ns: int = 0) -> None:
+        self._now_ns = start_ns
+
+    def now_ns(self) -> int:
+        """Nanoseconds since the Unix epoch."""
+        return self._now_ns
+
+    def advance(self, seconds: float) -> None:
+        """Let ``seconds`` pass."""
+        self._now_ns += round(seconds * SECOND)
+
+    def wait(self, event: threading.Event, timeout_s: float) -> bool:
+        """Let ``timeout_s`` pass at once, unless ``event`` is set already."""
+        if not event.is_set():
+            self.advance(timeout_s)
+        return event.is_set()

@@ -1,0 +1,54 @@
+"""The errors of this room: why a capture session could not begin, or had to end.
+
+Every message says what was seen, what was expected and what to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+class CaptureError(Exception):
+    """Root of what this room raises."""
+
+
+class CannotRecord(CaptureError):
+    """The recording cannot be put where it was asked for."""
+
+
+class PlanNotPossible(CaptureError):
+    """The plan does not fit the rig or its drives."""
+
+
+class NotArmed(CaptureError):
+    """Arming was refused, so no joint may be moved."""
+
+
+class NotReady(CaptureError):
+    """Ports, devices or channels do not answer.
+
+    Attributes:
+        missing: one line for each of them, "<what>: <why>".
+    """
+
+    def __init__(self, missing: Sequence[str]) -> None:
+        self.missing = tuple(missing)
+        count = len(self.missing)
+        head = f"{count} part{'s' if count > 1 else ''} of the rig did not answer; nothing was recorded:"
+        super().__init__("\n".join([head, *(f"  {line}" for line in self.missing)]))
+
+
+class StopRequested(CaptureError):
+    """The operator asked to stop."""
+
+
+class SessionFailed(CaptureError):
+    """The session cannot go on: a link, a drive or the recording failed, or nothing stands still.
+
+    Attributes:
+        source: link, joint, channel or file that failed.
+    """
+
+    def __init__(self, source: str, text: str) -> None:
+        self.source = source
+        super().__init__(text)

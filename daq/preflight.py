@@ -1,0 +1,113 @@
+"""Before anything is recorded or moved: does everything that the session needs answer?
+
+Every port, device and channel is asked before one of them is complained about, so that one
+look at the bench is enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from daq.errors import CannotRecord, NotArmed, NotReady, PlanNotPossible
+from daq.scale import scale_of
+from drivers import DeviceStatus, DriverError, Link
+from recordings.rig import Plan, Rig, visits
+
+
+def check_path(path: Path) -> None:
+    """Whether a recording can be made at ``path``; raises CannotRecord."""
+    if path.exists():
+        raise CannotRecord(
+            f"'{path}' exists already, and a recording never replaces a file; "
+            "choose another name or move it away"
+        )
+    if not path.parent.is_dir():
+        raise CannotRecord(f"there is no folder '{path.parent}' for the recording; make it first")
+
+
+def check_plan(rig: Rig, plan: Plan) -> None:
+    """Whether the rig describes all that ``plan`` needs, without looking at hardware.
+
+    Raises:
+        NotReady: channels without a device.
+        PlanNotPossible: a target lies outside a count range or a joint's limits, or a joint
+            to be driven has no channel or no drive.
+    """
+    loose = [channel.name for channel in rig.channels if channel.device is None]
+    if loose:
+        raise NotReady(
+            [f"channel '{name}': the rig names no device that delivers it" for name in loose]
+        )
+    moved = {device.joint for device in rig.devices}
+    limits = {joint.name: joint.limits for joint in getattr(rig.mechanism, "joints", ())}
+    scales = {joint: scale_of(rig, joint) for joint in plan.drives}
+    for joint in plan.drives:
+        if joint not in moved:
+            raise PlanNotPossible(f"the plan drives '{joint}', but no device of the rig moves it")
+    for visit in visits(plan):
+        for joint, target in zip(plan.drives, visit.targets, strict=True):
+            scales[joint].counts(target)
+            allowed = limits.get(joint)
+            if allowed is not None and not allowed.low <= target <= allowed.high:
+                raise PlanNotPossible(
+                    f"pose {visit.pose} takes '{joint}' to {target:.6g} (rad or m), outside its "
+                    f"limits [{allowed.low:.6g}, {allowed.high:.6g}]; correct the plan"
+                )
+
+
+def open_all(links: Sequence[Link]) -> tuple[DeviceStatus, ...]:
+    """Open every link and ask every device.
+
+    Returns:
+        the status of each device; all of them are ready.
+
+    Raises:
+        NotReady: it names every port that does not open and every device that does not
+            answer or reports a problem, with the channels that depend on it.
+    """
+    missing: list[str] = []
+    statuses: list[DeviceStatus] = []
+    for link in links:
+        try:
+            link.open()
+        except DriverError as error:
+            missing.append(f"port '{link.name}': {error}")
+            continue
+        statuses += link.check()
+    for status in statuses:
+        if not status.answers or status.problem:
+            why = status.problem or "it does not answer"
+            carries = f", which delivers {', '.join(status.channels)}" if status.channels else ""
+            missing.append(f"device '{status.name}' on port '{status.port}'{carries}: {why}")
+    if missing:
+        raise NotReady(missing)
+    return tuple(statuses)
+
+
+def arm_drives(
+    rig: Rig,
+    joints: Mapping[str, object],
+    statuses: Sequence[DeviceStatus],
+    arm: Callable[[tuple[str, ...]], bool],
+) -> None:
+    """Ask for permission to move the joints that a real drive moves.
+
+    A drive that says that it is virtual can hurt nobody and needs no arming.
+
+    Args:
+        rig: the rig; says which device moves which joint.
+        joints: the joints with a drive.
+        statuses: of all devices.
+        arm: asked once, with the joints that real drives move; True permits.
+
+    Raises:
+        NotArmed: permission was refused.
+    """
+    virtual = {status.name for status in statuses if status.virtual}
+    device_of = {device.joint: device.name for device in rig.devices if device.joint is not None}
+    real = tuple(joint for joint in joints if device_of.get(joint) not in virtual)
+    if real and not arm(real):
+        raise NotArmed(
+            f"arming of {', '.join(real)} was refused; nothing was moved and nothing recorded"
+        )

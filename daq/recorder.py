@@ -1,0 +1,103 @@
+"""The recorder: the one thread that writes the file.
+
+It empties the queue, keeps the ledger, and flushes on a timer, so that a killed process
+loses at most `FLUSH_S` and what was on its way. A disk that fails stops the recording, not
+the buses: the failure is kept for the session, which ends.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from typing import Protocol
+
+from daq.clock import SECOND, Clock
+from daq.event_queue import Checkpoint, EventQueue
+from daq.ledger import Ledger
+from recordings.errors import RecordingError
+from recordings.events import Event, Fault, LedgerEntry, Reading
+
+FLUSH_S = 0.25
+"""Time between flushes [s]: half of the 0.5 s that may be at risk, the rest is for the disk."""
+
+
+class EventSink(Protocol):
+    """What a recorder needs of a writer."""
+
+    def write(self, event: Event) -> None: ...
+    def flush(self) -> None: ...
+    def close(self) -> None: ...
+
+
+class Recorder:
+    """Writes what comes through a queue until the queue is closed, then closes the file."""
+
+    def __init__(self, writer: EventSink, queue: EventQueue, clock: Clock) -> None:
+        self._writer = writer
+        self._queue = queue
+        self._ledger = Ledger()
+        self._clock = clock
+        self._entries = self._ledger.entries
+        self._failure: Exception | None = None
+        self._thread = threading.Thread(target=self._run, name="loopcal-recorder")
+
+    @property
+    def failure(self) -> Exception | None:
+        """Why the file can no longer be written, or None while it can."""
+        return self._failure
+
+    @property
+    def ledger(self) -> Mapping[str, LedgerEntry]:
+        """Latest whole balance of each channel; may be read from any thread."""
+        return self._entries
+
+    def start(self) -> None:
+        """Begin to write."""
+        self._thread.start()
+
+    def join(self) -> None:
+        """Wait until the closed queue is written out and the file is closed."""
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            self._record()
+        except Exception as error:  # noqa: BLE001 - the end of a thread: the session must see it
+            self._failure = error
+        try:
+            self._writer.close()
+        except (RecordingError, OSError) as error:
+            self._failure = self._failure or error
+
+    def _record(self) -> None:
+        flushed_ns = self._clock.now_ns()
+        while (items := self._queue.take(FLUSH_S / 2)) is not None:
+            for item in items:
+                if isinstance(item, Checkpoint):
+                    self._balance(item)
+                else:
+                    self._writer.write(item)
+                    if isinstance(item, Reading):
+                        self._ledger.received(item.channel)
+            now_ns = self._clock.now_ns()
+            if now_ns - flushed_ns >= FLUSH_S * SECOND:
+                self._write_ledger()
+                self._writer.flush()
+                flushed_ns = now_ns
+        self._write_ledger()
+
+    def _balance(self, checkpoint: Checkpoint) -> None:
+        now_ns = self._clock.now_ns()
+        before = self._entries
+        self._ledger.reach(checkpoint, now_ns)
+        self._entries = self._ledger.entries
+        for channel in checkpoint.losses:
+            already = before[channel].dropped_by_host if channel in before else 0
+            dropped = self._entries[channel].dropped_by_host - already
+            if dropped > 0:
+                text = f"{dropped} readings of {channel} were dropped, because the file could not keep up"
+                self._writer.write(Fault(now_ns, channel, "overflow", text))
+
+    def _write_ledger(self) -> None:
+        for entry in self._entries.values():
+            self._writer.write(entry)

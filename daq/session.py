@@ -1,0 +1,285 @@
+"""A capture session, from preflight to the closed recording.
+
+Order of a session: look at path and plan; open and ask every device; arm; sample, until
+every channel has delivered; only then create the file, and only then move. However the
+session ends, the drives go to safe mode first, then the links stop, then the file is
+completed and closed. All threads have ended when `capture` returns or raises.
+"""
+
+from __future__ import annotations
+
+import signal
+import socket
+import threading
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import FrameType
+
+from daq.by_hand import ByHandPlan
+from daq.clock import SECOND, Clock, HostClock
+from daq.driven import DrivenPlan
+from daq.drives import Drives
+from daq.errors import CannotRecord, NotReady, PlanNotPossible, SessionFailed, StopRequested
+from daq.event_queue import EventQueue
+from daq.link_thread import LinkThread
+from daq.live import LiveState
+from daq.options import CaptureOptions
+from daq.preflight import arm_drives, check_path, check_plan, open_all
+from daq.progress import Progress
+from daq.recorder import Recorder
+from daq.summary import CaptureSummary, Ending
+from daq.supervision import TICK_S, Supervision
+from drivers import DriverError, JointDrive, Link, make_links
+from recordings.errors import RecordingError
+from recordings.events import Mark, Mode
+from recordings.rig import Plan, Rig, visits
+from recordings.session import Session
+from recordings.writer import Writer
+
+
+def _refuse(joints: tuple[str, ...]) -> bool:
+    return False
+
+
+def _ignore(progress: Progress) -> None:
+    return None
+
+
+def capture(
+    rig: Rig,
+    rig_toml: str,
+    path: str | Path,
+    *,
+    links: Sequence[Link] | None = None,
+    clock: Clock | None = None,
+    arm: Callable[[tuple[str, ...]], bool] = _refuse,
+    on_progress: Callable[[Progress], None] = _ignore,
+    stop: threading.Event | None = None,
+    operator: str = "",
+    notes: str = "",
+    plan_override: Plan | None = None,
+    options: CaptureOptions | None = None,
+) -> CaptureSummary:
+    """Execute the plan of a rig and record it.
+
+    SIGINT (Ctrl-C) and SIGTERM end the session like ``stop``, when called from the main
+    thread: safe mode, complete file, summary.
+
+    Args:
+        rig: the rig, as parsed from ``rig_toml``.
+        rig_toml: the rig description, recorded exactly as it is.
+        path: the recording to create; never replaced.
+        links: links made for this rig and ``clock``; they are closed at the end. None makes
+            them from the rig.
+        clock: time of the session; None takes the host's.
+        arm: asked for permission before the joints named are moved; only joints of drives
+            that do not say that they are virtual. Refuses unless given.
+        on_progress: takes a snapshot about five times a second, in the calling thread.
+        stop: set it from anywhere to end the session.
+        operator: who runs it, for the record.
+        notes: free text, for the record.
+        plan_override: plan to execute in place of the rig's.
+        options: timeouts and limits.
+
+    Returns:
+        what was recorded and lost, and how the session ended: a failure after the recording
+        began is an ending, not an exception.
+
+    Raises:
+        CannotRecord: the file exists already or cannot be created.
+        NotReady: ports, devices or channels do not answer; all of them are named.
+        PlanNotPossible: there is no plan, or it does not fit the rig.
+        NotArmed: arming was refused.
+        StopRequested: stopped before the recording began.
+        OptionError: a device's options do not fit its driver (from `drivers`).
+    """
+    plan = plan_override or rig.plan
+    if plan is None:
+        raise PlanNotPossible(f"the rig '{rig.name}' has no [plan]; add one, or give a plan")
+    target = Path(path)
+    check_path(target)
+    check_plan(rig, plan)
+    clock = clock or HostClock()
+    stop = stop or threading.Event()
+    links = make_links(rig, clock) if links is None else links
+    with ExitStack() as closing:
+        for link in links:
+            closing.callback(link.close)
+        statuses = open_all(links)
+        joints = {joint: drive for link in links for joint, drive in link.joints.items()}
+        arm_drives(rig, joints, statuses, arm)
+        with _signals_set(stop):
+            session = _Session(rig, plan, links, joints, clock, stop, options or CaptureOptions())
+            session.start()
+            metadata = Session(
+                session_id=uuid.uuid4().hex,
+                start_ns=clock.now_ns(),
+                operator=operator,
+                notes=notes,
+                host=socket.gethostname(),
+            )
+            return session.record(target, rig_toml, metadata, on_progress)
+
+
+@contextmanager
+def _signals_set(stop: threading.Event) -> Iterator[None]:
+    """Let SIGINT and SIGTERM set ``stop``: an exception in the middle of a command would be unsafe."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        stop.set()
+
+    before = {
+        number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class _Session:
+    """The parts of one session, and the order in which they begin and end."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        plan: Plan,
+        links: Sequence[Link],
+        joints: dict[str, JointDrive],
+        clock: Clock,
+        stop: threading.Event,
+        options: CaptureOptions,
+    ) -> None:
+        self._rig = rig
+        self._plan = plan
+        self._clock = clock
+        self._stop = stop
+        self._options = options
+        self._joints = joints
+        seconds = 2.0 + 2.0 * max(plan.dwell, plan.settle)
+        self._live = LiveState(rig.channels, keep=max(64, round(seconds * plan.sample)))
+        self._queue = EventQueue(options.queue_capacity)
+        self._links = [
+            LinkThread(link, plan.sample, self._live, self._queue, clock) for link in links
+        ]
+
+    def start(self) -> None:
+        """Begin to sample, and wait until every channel has delivered.
+
+        Raises:
+            NotReady: a link could not start, or channels are silent; nothing samples any more.
+            StopRequested: the operator asked to stop.
+        """
+        for link in self._links:
+            link.start()
+        try:
+            self._await_channels()
+        except BaseException:
+            self._stop_links()
+            raise
+
+    def _await_channels(self) -> None:
+        begin_ns = self._clock.now_ns()
+        while silent := self._live.silent():
+            if failures := [link for link in self._links if link.failure is not None]:
+                raise NotReady([f"port '{link.name}': {link.failure}" for link in failures])
+            if self._clock.wait(self._stop, TICK_S):
+                raise StopRequested("stopped before anything was recorded")
+            if self._clock.now_ns() - begin_ns > self._options.live_timeout_s * SECOND:
+                raise NotReady([self._silence(name) for name in silent])
+
+    def _silence(self, channel: str) -> str:
+        device = self._rig.channel(channel).device
+        faults = [fault.text for fault in self._live.faults if fault.source in (channel, device)]
+        said = f" ({faults[-1]})" if faults else ""
+        return (
+            f"channel '{channel}' of device '{device}': no usable reading within "
+            f"{self._options.live_timeout_s:g} s{said}"
+        )
+
+    def record(
+        self,
+        path: Path,
+        rig_toml: str,
+        metadata: Session,
+        on_progress: Callable[[Progress], None],
+    ) -> CaptureSummary:
+        """Create the file, execute the plan, end safely.
+
+        Raises:
+            CannotRecord: the file cannot be created; nothing samples any more.
+        """
+        try:
+            writer = Writer(path, rig_toml, metadata)
+        except RecordingError as error:
+            self._stop_links()
+            raise CannotRecord(str(error)) from error
+        recorder = Recorder(writer, self._queue, self._clock)
+        recorder.start()
+        stops = len(visits(self._plan))
+        supervision = Supervision(
+            rig=self._rig,
+            plan=self._plan,
+            stops=stops,
+            clock=self._clock,
+            stop=self._stop,
+            live=self._live,
+            queue=self._queue,
+            links=self._links,
+            recorder=recorder,
+            on_progress=on_progress,
+            max_duration_s=self._options.max_duration_s,
+        )
+        drives = Drives(self._joints, self._clock, supervision.record)
+        ending, why = Ending.FAILED, "a fault of the program itself"
+        cause: Exception | None = None
+        try:
+            self._execute(supervision, drives)
+            ending, why = Ending.COMPLETE, ""
+        except StopRequested as request:
+            ending, why = Ending.STOPPED, str(request)
+        except (SessionFailed, DriverError) as failure:
+            why, cause = str(failure), failure
+        finally:
+            try:
+                drives.make_safe(f"end of session: {ending}")
+                text = f"session {ending}: {why}" if why else f"session {ending}"
+                supervision.record(Mark(self._clock.now_ns(), text))
+            finally:
+                self._stop_links()
+                self._queue.close()
+                recorder.join()
+        if recorder.failure is not None and ending is not Ending.FAILED:
+            ending, why, cause = Ending.FAILED, str(recorder.failure), recorder.failure
+        return CaptureSummary(
+            path=path,
+            ending=ending,
+            why=why,
+            duration_s=(self._clock.now_ns() - supervision.start_ns) / SECOND,
+            stops=stops,
+            dwells=supervision.dwells,
+            ledger=recorder.ledger,
+            faults=self._live.faults,
+            error=cause,
+        )
+
+    def _execute(self, supervision: Supervision, drives: Drives) -> None:
+        if self._plan.mode == "driven":
+            DrivenPlan(self._rig, self._plan, drives, supervision, self._options).run()
+            return
+        for joint in drives.joints:
+            drives.set_mode(joint, Mode.OFF, "before the plan")
+            drives.set_mode(joint, Mode.FREE, "moved by hand")
+        ByHandPlan(self._plan, supervision).run()
+
+    def _stop_links(self) -> None:
+        for link in self._links:
+            link.stop()
+        for link in self._links:
+            link.join()

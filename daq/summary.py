@@ -1,0 +1,50 @@
+"""What a session leaves behind: how it ended, what was recorded, and what was lost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from recordings.events import Dwell, Fault, LedgerEntry
+
+
+class Ending(StrEnum):
+    """How a session ended."""
+
+    COMPLETE = "complete"
+    STOPPED = "stopped"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureSummary:
+    """A finished session. The recording is closed and whole, however it ended.
+
+    Attributes:
+        path: the recording.
+        ending: how it ended.
+        why: in words, why it stopped or failed; empty when complete.
+        duration_s: from the first to the last moment of the recording.
+        stops: stops that the plan asked for.
+        dwells: dwells recorded, in order.
+        ledger: per channel, what should have come, what came, and where the rest went.
+        faults: faults in order of arrival, those of stopping included.
+        error: exception behind a failure, for whoever looks for a bug; or None.
+    """
+
+    path: Path
+    ending: Ending
+    why: str
+    duration_s: float
+    stops: int
+    dwells: tuple[Dwell, ...]
+    ledger: Mapping[str, LedgerEntry]
+    faults: tuple[Fault, ...]
+    error: BaseException | None = None
+
+    @property
+    def poses(self) -> int:
+        """Number of different poses among the dwells."""
+        return len({dwell.pose for dwell in self.dwells})
