@@ -1,0 +1,1 @@
+"""Nature: the mechanism, its flaws and its noise, as they really are."""

@@ -1,0 +1,234 @@
+"""Configurations that close the loop: correcting, following and finding them.
+
+Newton's method on the closure error. Where the joints in motion are more than the loop
+determines, each correction is the one of least motion (minimum norm), so that joints that
+nothing drives do not drift. Steps along a path are taken only while Newton's corrections
+contract (Deuflhard's test); otherwise they are halved, down to the point where the
+mechanism blocks.
+
+Owns no time and no drives: `held` says which joints something outside holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.rig import SerialMechanism
+from sim_devices.plant.chain import Chain, ChainGeometry
+from sim_devices.plant.effects.effect import Effect
+from sim_devices.plant.errors import MechanismDoesNotClose
+from sim_devices.plant.quaternion import Array
+
+CLOSED = 1e-11
+"""Largest closure error of a closed loop [m, rad]."""
+_NEAR = 1e-5
+"""The same at the knots of a path, which are polished later."""
+_REGULAR = 1e-13
+"""Share of its trace added to a normal matrix, so that redundant closure rows do no harm."""
+_REACH = 0.35
+"""Longest correction that a step may need before it is halved [rad, m]."""
+_SMALLEST_STEP = 1.0 / 256
+_INDEPENDENT = 1e-4
+"""A joint leads while its motion, others held, is at least this share of the freedoms left."""
+_STARTS = 300
+
+
+class Loop:
+    """The closed loop of a serial mechanism.
+
+    Args:
+        mechanism: joints, limits and closure.
+        geometry: as it really is, at rest and without effects.
+        effects: all effects at work.
+    """
+
+    def __init__(
+        self, mechanism: SerialMechanism, geometry: ChainGeometry, effects: Sequence[Effect] = ()
+    ) -> None:
+        self._chain = Chain(mechanism)
+        self._geometry = geometry
+        self._effects = effects
+        joints = mechanism.joints
+        self._revolute = np.array([joint.type == "revolute" for joint in joints])
+        self._low = np.array([j.limits.low if j.limits else -np.inf for j in joints])
+        self._high = np.array([j.limits.high if j.limits else np.inf for j in joints])
+        self._home = np.array([joint.home.nominal for joint in joints])
+        # A home that the rig states has the dimension of its key.
+        self._home_is_known = any(joint.home.dimension for joint in joints)
+
+    def closure(self, variables: Array, time_s: Array) -> tuple[Array, Array]:
+        """Closure error (n, m) and its rate (n, m, J) at joint variables (n, J) and times (n,)."""
+        geometry = self._geometry
+        for effect in self._effects:
+            geometry = effect.geometry(geometry, time_s, variables)
+        return self._chain.closure(geometry, variables)
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether the geometry is the same at all times and loads."""
+        return not self._effects
+
+    def within_limits(self, variables: Array) -> NDArray[np.bool_]:
+        """Whether all joints (..., J) are within their limits, shape (...)."""
+        within = (variables >= self._low) & (variables <= self._high)
+        return np.asarray(np.all(within, axis=-1))
+
+    def clipped(self, joint: int, variable: float) -> float:
+        """``variable`` of a joint, brought within its limits."""
+        return float(np.clip(variable, self._low[joint], self._high[joint]))
+
+    def leaders(self, variables: Array, time_s: float, drives: Sequence[int]) -> list[int]:
+        """Those of ``drives`` that the loop lets move, each with the ones before it held.
+
+        A drive that is left out can only follow the others: the mechanism has no freedom for it.
+        """
+        _, rate = self.closure(variables[None], np.array([time_s]))
+        _, size, right = np.linalg.svd(rate[0])
+        rank = int(np.sum(size > 1e-9 * max(size[0], 1e-300))) if len(size) else 0
+        freedoms = right[rank:].T
+        chosen: list[int] = []
+        for drive in drives:
+            moves = freedoms[drive]
+            if chosen:
+                basis = np.linalg.qr(freedoms[chosen].T)[0]
+                moves = moves - basis @ (basis.T @ moves)
+            if np.linalg.norm(moves) > _INDEPENDENT:
+                chosen.append(drive)
+        return chosen
+
+    def polish(
+        self, variables: Array, held: NDArray[np.bool_], time_s: Array
+    ) -> tuple[Array, Array]:
+        """Close n loops that are nearly closed.
+
+        Args:
+            variables: (n, J) start.
+            held: (J,) joints that stay.
+            time_s: (n,).
+
+        Returns:
+            (n, J) variables; (n,) closure errors that remain.
+        """
+        out = variables.copy()
+        left = np.full(len(out), np.inf)
+        active = np.arange(len(out))
+        for _ in range(12):
+            error, rate = self.closure(out[active], time_s[active])
+            left[active] = np.abs(error).max(axis=1, initial=0.0)
+            open_ = left[active] > CLOSED
+            active = active[open_]
+            if not len(active):
+                break
+            motion = _least_motion(error[open_], rate[open_][:, :, ~held])
+            out[np.ix_(active, ~held)] += motion
+        return out, left
+
+    def step(
+        self, variables: Array, held: Sequence[int], target: Array, time_s: float
+    ) -> tuple[Array, float]:
+        """Move the held joints straight to ``target``, the others as the loop demands.
+
+        Args:
+            variables: (J,) closed configuration to start from.
+            held: joints that something drives.
+            target: (len(held),) where they are to go.
+            time_s: when.
+
+        Returns:
+            (J,) configuration reached; share of the way gone, below 1 where the mechanism blocks.
+        """
+        is_held = np.zeros(len(variables), dtype=bool)
+        is_held[list(held)] = True
+        start = variables[list(held)]
+        here, done, size = variables, 0.0, 1.0
+        while done < 1.0:
+            size = min(size, 1.0 - done)
+            trial = here.copy()
+            trial[list(held)] = start + (done + size) * (target - start)
+            solved = self._corrected(trial, is_held, time_s)
+            if solved is None or not self.within_limits(solved):
+                size /= 2
+                if size < _SMALLEST_STEP:
+                    break
+                continue
+            here, done = solved, done + size
+        return here, done
+
+    def _corrected(self, trial: Array, held: NDArray[np.bool_], time_s: float) -> Array | None:
+        """``trial`` (J,) brought to closure, or None when corrections do not contract."""
+        now = np.array([time_s])
+        here = trial[None].copy()
+        previous = np.inf
+        for _ in range(8):
+            error, rate = self.closure(here, now)
+            if np.abs(error).max(initial=0.0) < _NEAR:
+                return np.asarray(here[0])
+            motion = _least_motion(error, rate[:, :, ~held])
+            size = float(np.linalg.norm(motion))
+            if size > min(_REACH, 0.5 * previous):
+                return None
+            here[:, ~held] += motion
+            previous = size
+        return None
+
+    def assemble(self, rng: np.random.Generator) -> Array:
+        """A closed configuration within limits (J,): that of the joints' homes, or near to them.
+
+        Where the rig states no homes, or the loop does not close from them, the nearest of
+        many seeded starts is taken.
+
+        Raises:
+            MechanismDoesNotClose: no start leads to closure within limits.
+        """
+        if self._home_is_known:
+            at_home, closed = self._closed_from(self._home[None])
+            if closed[0]:
+                return np.asarray(at_home[0])
+        spread = np.where(self._revolute, np.pi, 0.5)
+        low = np.maximum(self._low, self._home - spread)
+        high = np.minimum(self._high, self._home + spread)
+        starts = rng.uniform(np.minimum(low, high), np.maximum(low, high), (_STARTS, len(low)))
+        found, closed = self._closed_from(starts)
+        if not closed.any():
+            raise MechanismDoesNotClose(
+                f"the loop does not close: {_STARTS} starts within the joint limits left at least "
+                f"{self._least_error(found):.3g} (m or rad) open; check the link lengths and angles, the "
+                f"joint limits and the closure of the mechanism"
+            )
+        away = np.linalg.norm(found - self._home, axis=1)
+        return np.asarray(found[np.argmin(np.where(closed, away, np.inf))])
+
+    def _closed_from(self, starts: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Where bounded Newton steps lead from ``starts`` (n, J), and which of them close."""
+        here, now = starts.copy(), np.zeros(len(starts))
+        for _ in range(80):
+            error, rate = self.closure(here, now)
+            if np.abs(error).max(initial=0.0) < CLOSED:
+                break
+            damping = np.minimum(np.sum(error**2, axis=1), 1.0) * 1e-3
+            motion = _least_motion(error, rate, damping)
+            size = np.linalg.norm(motion, axis=1, keepdims=True)
+            here += motion * np.minimum(1.0, 0.3 / np.maximum(size, 1e-12))
+        turned = self._home + (here - self._home + np.pi) % (2 * np.pi) - np.pi
+        here = np.where(self._revolute, turned, here)
+        here, left = self.polish(here, np.zeros(here.shape[1], dtype=bool), now)
+        return here, (left <= CLOSED) & self.within_limits(here)
+
+    def _least_error(self, variables: Array) -> float:
+        error, _ = self.closure(variables, np.zeros(len(variables)))
+        return float(np.abs(error).max(axis=1).min())
+
+
+def _least_motion(error: Array, rate: Array, damping: Array | float = 0.0) -> Array:
+    """Smallest motion (n, k) that undoes ``error`` (n, m) to first order; ``rate`` is (n, m, k)."""
+    rows = error.shape[1]
+    if rows == 0:
+        return np.zeros((len(error), rate.shape[2]))
+    normal = rate @ rate.transpose(0, 2, 1)
+    trace = np.trace(normal, axis1=1, axis2=2)
+    normal += ((_REGULAR * trace + 1e-300 + damping)[:, None, None]) * np.eye(rows)
+    weights = np.linalg.solve(normal, error[:, :, None])
+    return np.asarray(-(rate.transpose(0, 2, 1) @ weights)[:, :, 0])

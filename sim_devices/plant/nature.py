@@ -1,0 +1,44 @@
+"""One rig as it really is: mechanism and sensors made of its true parameters and effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from recordings.rig import Rig, SerialMechanism
+from sim_devices.plant.chain import chain_geometry
+from sim_devices.plant.effects.effect import Effect
+from sim_devices.plant.loop import Loop
+from sim_devices.plant.plate import Plate, plate_geometry
+from sim_devices.plant.sensor import Sensor
+from sim_devices.truth import Truth
+
+
+@dataclass(frozen=True, slots=True)
+class Nature:
+    """A rig as it really is.
+
+    Attributes:
+        rig: as described.
+        truth: as it is.
+        mechanism: what moves.
+        sensors: by channel.
+    """
+
+    rig: Rig
+    truth: Truth
+    mechanism: Loop | Plate
+    sensors: Mapping[str, Sensor]
+
+
+def nature_of(rig: Rig, truth: Truth, effects: Sequence[Effect] = ()) -> Nature:
+    """The rig with ``truth`` for its parameters and ``effects`` at work."""
+    values = truth.parameters
+    mechanism: Loop | Plate
+    if isinstance(rig.mechanism, SerialMechanism):
+        mechanism = Loop(rig.mechanism, chain_geometry(rig.mechanism, values), effects)
+    else:
+        mechanism = Plate(rig.mechanism, plate_geometry(rig.mechanism, values), effects)
+    sensors = {c.name: Sensor(c, values, effects) for c in rig.channels}
+    return Nature(rig, truth, mechanism, MappingProxyType(sensors))
