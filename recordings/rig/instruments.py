@@ -6,11 +6,14 @@ Options that only one driver understands stay a plain table here; the driver che
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
 from recordings.rig.quantity import COORDINATE, GAIN, Described, Quantity, fail
+
+Count = Annotated[int, Field(ge=-(2**53), le=2**53)]
+"""A raw count: an integer that a double holds exactly."""
 
 
 class CanPort(Described):
@@ -66,17 +69,18 @@ class Channel(Described):
     signal: str | int | None = None
     gain: Quantity
     offset: Quantity = Quantity()
-    zero_count: int = 0
-    count_range: tuple[int, int] | None = None
-    modulus_counts: int | None = None
+    zero_count: Count = 0
+    count_range: tuple[Count, Count] | None = None
+    modulus_counts: Count | None = None
     noise: float = 0.0
 
     @model_validator(mode="after")
     def _counts_make_sense(self) -> Channel:
         if self.count_range is not None and not self.count_range[0] < self.count_range[1]:
-            raise fail(f"channel '{self.name}': count_range must be [lowest, highest]")
+            found = list(self.count_range)
+            raise fail(f"'count_range' is {found}, expected [lowest, highest]")
         if self.modulus_counts is not None and self.modulus_counts <= 1:
-            raise fail(
-                f"channel '{self.name}': modulus_counts is {self.modulus_counts}, expected above 1"
-            )
+            raise fail(f"'modulus_counts' is {self.modulus_counts}, expected above 1")
+        if self.noise < 0:
+            raise fail(f"'noise_counts' is {self.noise}, expected 0 or above")
         return self

@@ -74,6 +74,9 @@ class Plan(Described):
         ):
             if value <= 0:
                 raise fail(f"'{key}' is {value}, expected above 0")
+        for key, value in (("settle_s", self.settle), ("seed", self.seed)):
+            if value < 0:
+                raise fail(f"'{key}' is {value}, expected 0 or above")
         if self.poses < 1:
             raise fail(f"'poses' is {self.poses}, expected at least 1")
         if self.mode == "by-hand":
@@ -97,6 +100,12 @@ class Plan(Described):
             raise fail(
                 f"'corners' has {len(self.corners)} rows, expected at least {len(self.drives) + 1}"
             )
+        if len(set(self.drives)) < len(self.drives):
+            raise fail(f"'drives' names a joint twice: {', '.join(self.drives)}")
+        if self.corners is not None:
+            edges = np.array(self.corners[1:]) - np.array(self.corners[0])
+            if np.linalg.matrix_rank(edges) < len(self.drives):
+                raise fail("'corners' span no region: they lie on one point, line or plane")
         return self
 
 
@@ -149,14 +158,16 @@ def visits(plan: Plan, poses: int | None = None) -> tuple[Visit, ...]:
 
 def _spread(corners: NDArray[np.float64], count: int, seed: int) -> NDArray[np.float64]:
     """``count`` low-discrepancy points of the convex hull of ``corners``, shape (count, drives)."""
-    from scipy.spatial import (
-        Delaunay,
-    )  # scipy is slow to import, and most uses of this room need none of it
+    # scipy is slow to import, and most uses of this room need none of it.
+    from scipy.spatial import Delaunay
     from scipy.stats import qmc
 
-    hull = Delaunay(corners)
     low, high = corners.min(axis=0), corners.max(axis=0)
     halton = qmc.Halton(corners.shape[1], rng=np.random.default_rng(seed))
+    if corners.shape[1] == 1:
+        line: NDArray[np.float64] = qmc.scale(halton.random(count), low, high)
+        return line
+    hull = Delaunay(corners)
     inside = np.empty((0, corners.shape[1]))
     while len(inside) < count:
         points = qmc.scale(halton.random(2 * count), low, high)

@@ -9,8 +9,10 @@ Refuses keys without a unit, two spellings of one quantity, and numbers that are
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -99,7 +101,7 @@ class Described(BaseModel):
 
     Subclasses list in ``quantities`` which fields are physical, with the units each may be
     given in. Such a field is a `Quantity` (a number or a table), a `Range` (two numbers), a
-    ``float``, or a tuple of floats.
+    ``float``, three floats (a vector), or rows of floats.
     """
 
     model_config = ConfigDict(
@@ -129,9 +131,8 @@ class Described(BaseModel):
                         f"'{key}' and '{came_from[name]}' say the same thing; keep one of them"
                     )
                 came_from[name] = key
-                out[name] = _READERS.get(cls.model_fields[name].annotation, _number)(
-                    key, value, unit
-                )
+                reader = _READERS.get(cls.model_fields[name].annotation, _READERS[float])
+                out[name] = reader(key, value, unit)
             elif key in plain:
                 out[key] = tuple(value) if isinstance(value, list) else value
             elif key in cls.quantities:
@@ -154,15 +155,28 @@ class Described(BaseModel):
 
 
 def _finite(key: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         raise fail(f"'{key}' is {value!r}, expected a finite number")
+    # TOML integers have any size; one beyond the floats would not convert.
+    if not abs(value) <= sys.float_info.max:
+        raise fail(f"'{key}' is {value!r:.40}, expected a finite number")
     return float(value)
 
 
-def _number(key: str, value: Any, unit: str) -> Any:
-    if isinstance(value, list):
-        return tuple(_number(key, item, unit) for item in value)
+def _number(key: str, value: Any, unit: str) -> float:
     return _finite(key, value) * UNITS[unit][1]
+
+
+def _vector(key: str, value: Any, unit: str) -> tuple[float, ...]:
+    if not isinstance(value, list) or len(value) != 3:
+        raise fail(f"'{key}' is {value!r}, expected three numbers [x, y, z]")
+    return tuple(_number(key, item, unit) for item in value)
+
+
+def _rows(key: str, value: Any, unit: str) -> tuple[tuple[float, ...], ...]:
+    if not isinstance(value, list) or not value or not all(isinstance(row, list) for row in value):
+        raise fail(f"'{key}' is {value!r}, expected rows of numbers [[...], ...]")
+    return tuple(tuple(_number(key, item, unit) for item in row) for row in value)
 
 
 def _range(key: str, value: Any, unit: str) -> Range:
@@ -211,18 +225,21 @@ def _tie(key: str, text: Any) -> Tie:
         if not star and name.startswith("-"):
             sign, name = -1.0, name[1:].strip()
         if name:
-            try:
-                return Tie(parameter=name, factor=float(head) if star else sign)
-            except ValueError:
-                pass
+            with contextlib.suppress(ValueError):
+                factor = float(head) if star else sign
+                if math.isfinite(factor):
+                    return Tie(parameter=name, factor=factor)
     raise fail(
         f'\'{key}.tie\' is {text!r}, expected a parameter name such as "A2.x", "-A2.x" or "2 * A2.x"'
     )
 
 
 _READERS: dict[Any, Callable[[str, Any, str], Any]] = {
+    float: _number,
     Quantity: _quantity,
     Quantity | None: _quantity,
     Range: _range,
     Range | None: _range,
+    tuple[float, float, float] | None: _vector,
+    tuple[tuple[float, ...], ...] | None: _rows,
 }

@@ -55,9 +55,8 @@ class Rig(Described):
         if isinstance(mechanism, SerialMechanism):
             parts = [joint.name for joint in mechanism.joints]
         else:
-            parts = [
-                p.name for p in (*mechanism.base_points, *mechanism.plate_points, *mechanism.legs)
-            ]
+            points = (*mechanism.base_points, *mechanism.plate_points)
+            parts = [point.name for point in points] + list(mechanism.places)
         groups = {
             "joints, points, legs and channels": parts
             + [channel.name for channel in self.channels],
@@ -153,8 +152,15 @@ def parse_rig(text: str, source: str = "rig") -> Rig:
     try:
         return Rig.model_validate(table)
     except ValidationError as error:
-        lines = [f"  {_where(fault['loc'], table)}{_what(fault)}" for fault in error.errors()]
+        lines = [f"  {_where(fault['loc'], table)}{_what(fault)}" for fault in _faults(error)]
         raise RigError(f"{source} is not a valid rig description:\n" + "\n".join(lines)) from error
+
+
+def _faults(error: ValidationError) -> list[Any]:
+    """The faults worth telling: a list is not too short because of an item that is wrong."""
+    return [
+        fault for fault in error.errors() if not (fault["type"] == "too_short" and fault["input"])
+    ]
 
 
 def _where(loc: tuple[int | str, ...], table: Any) -> str:
@@ -173,6 +179,20 @@ def _where(loc: tuple[int | str, ...], table: Any) -> str:
     return f"{', '.join(words)}: " if words else ""
 
 
+_EXPECTED = {
+    "too_short": "more items",
+    "too_long": "fewer items",
+    "missing": "more items",
+    "tuple_type": "a list",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+    "string_type": "a text",
+    "int_type": "an integer",
+    "bool_type": "true or false",
+}
+
+
 def _what(fault: Any) -> str:
     if fault["type"] == "rig":
         return str(fault["msg"])
@@ -183,8 +203,11 @@ def _what(fault: Any) -> str:
         allowed = context.get(
             "expected_tags", "'can', 'serial'" if key == "kind" else "'serial', 'platform'"
         )
-        return f"'{key}' is {found!r}, expected one of {allowed}"
-    return f"{fault['msg']}, found {fault['input']!r}"
+        was = f"missing key '{key}'" if found is None else f"'{key}' is {found!r}"
+        return f"{was}, expected one of {allowed}"
+    expected = _EXPECTED.get(fault["type"]) or str(fault["msg"]).removeprefix("Input should be ")
+    found = list(fault["input"]) if isinstance(fault["input"], tuple) else fault["input"]
+    return f"found {found!r:.80}, expected {expected}"
 
 
 def bundled_rigs() -> tuple[str, ...]:
@@ -202,12 +225,12 @@ def rig_text(rig: str) -> tuple[str, str]:
         RigError: no such file, not readable as UTF-8 text, or no such bundled rig.
     """
     if rig in bundled_rigs():
-        return (resources.files("recordings.rig") / "bundled" / f"{rig}.toml").read_text(
-            "utf-8"
-        ), f"bundled rig '{rig}'"
+        bundled = resources.files("recordings.rig") / "bundled" / f"{rig}.toml"
+        return bundled.read_bytes().decode("utf-8"), f"bundled rig '{rig}'"
     path = Path(rig)
     try:
-        return path.read_text("utf-8"), str(path)
+        # As bytes, because a recording carries the file exactly, line ends included.
+        return path.read_bytes().decode("utf-8"), str(path)
     except FileNotFoundError as error:
         raise RigError(
             f"there is no rig file '{rig}', and no bundled rig of that name; "
