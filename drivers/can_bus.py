@@ -5,7 +5,7 @@ garbled frame) and some is not (the adapter is gone). Here a bus gives frames st
 arrival, counts what is garbled, and raises `LinkBroken` when it is gone.
 
 Known habits of python-can 4.6 that are handled here: slcan raises ValueError for bad hex,
-and pads a short payload in silence; it waits 2 s after opening, for boards that reset, which
+pads a short payload in silence, and stumbles for ever over bytes that are not text; it waits 2 s after opening, for boards that reset, which
 is skipped on a pty and on a URL; its ``shutdown`` leaves a dead port open; ``send`` without
 a timeout may block for ever on a peer that does not read; only a terminal's path is
 protected against a second user. Time stamps of the library follow the wall clock, so the
@@ -159,12 +159,19 @@ class CanBus:
             self._lock.release()
 
     def _next_message(self, bus: Bus, timeout_s: float) -> can.Message | None:
-        with error_check():
-            try:
+        try:
+            with error_check():
                 return bus.recv(timeout_s)
-            except (ValueError, IndexError):
-                self.malformed += 1
-                return None
+        except can.CanError as error:
+            if not _is_garble(error):
+                raise
+            self.malformed += 1
+            # slcan keeps what it could not decode, and would stumble over it for ever.
+            flush = getattr(bus, "flush", None)
+            if isinstance(_cause(error), UnicodeDecodeError) and flush is not None:
+                with error_check():
+                    flush()
+            return None
 
     def _open_bus(self) -> Bus:
         if self._bus is None:
@@ -173,3 +180,14 @@ class CanBus:
 
     def _broken(self, error: can.CanError) -> LinkBroken:
         return LinkBroken(f"port '{self._port.name}' at '{self._port.channel}' is gone: {error}")
+
+
+def _cause(error: BaseException) -> BaseException:
+    while error.__cause__ is not None:
+        error = error.__cause__
+    return error
+
+
+def _is_garble(error: BaseException) -> bool:
+    """Whether an interface stumbled over what it received, rather than over its port."""
+    return isinstance(_cause(error), ValueError | IndexError)

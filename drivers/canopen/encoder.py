@@ -173,6 +173,7 @@ class Encoder:
 
     def start(self) -> None:
         """Let it send its position on each SYNC; raises as `identify`."""
+        self._heard_ns = None
         try:
             transmission = self._sdo.read_integer(self._parameters, 2)
         except DeviceRefused:

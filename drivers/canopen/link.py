@@ -81,7 +81,7 @@ class CanopenLink:
         self._master_id = _master_id(port, self._devices)
         self._clock = clock
         self._bus = CanBus(port, clock, connect)
-        self._network = _Network(self._bus.send)
+        self._network = _Network(self.send)
         self._by_cob_id = {i: device for device in devices for i in device.cob_ids}
         self._by_node_id = {device.node_id: device for device in devices}
         self._tallies = {name: tally for d in devices for name, tally in d.tallies.items()}
@@ -182,6 +182,7 @@ class CanopenLink:
 
     def send(self, cob_id: int, data: bytes) -> None:
         """Send a frame; raises LinkBroken or LinkClosed."""
+        self._require_present()
         with self._sending:
             self._bus.send(cob_id, data)
 
@@ -192,9 +193,7 @@ class CanopenLink:
     def _await_answer(self, answers: queue.Queue[bytes], timeout_s: float) -> bytes:
         deadline = time.monotonic() + timeout_s
         while (left := deadline - time.monotonic()) > 0:
-            self._require_open()
-            if self._outage.lasts:
-                raise LinkBroken(f"port '{self.name}' is gone; it is being opened again")
+            self._require_present()
             if not answers.empty():
                 break
             slice_s = min(left, LONGEST_WAIT_S)
@@ -358,6 +357,11 @@ class CanopenLink:
     def _require_open(self) -> None:
         if self._closing.is_set():
             raise LinkClosed(f"port '{self.name}' is not open; call open() first")
+
+    def _require_present(self) -> None:
+        self._require_open()
+        if self._outage.lasts:
+            raise LinkBroken(f"port '{self.name}' is gone; it is being opened again")
 
 
 def _master_id(port: CanPort, devices: Sequence[CanopenDevice]) -> int | None:
