@@ -8,7 +8,7 @@ kinematics.
 from daq.clock import Clock, HostClock, ManualClock
 from daq.errors import (
     CannotRecord,
-    CaptureError,
+    DaqError,
     NotArmed,
     NotReady,
     PlanNotPossible,
@@ -22,11 +22,11 @@ from daq.summary import CaptureSummary, Ending
 
 __all__ = [
     "CannotRecord",
-    "CaptureError",
     "CaptureOptions",
     "CaptureSummary",
     "ChannelProgress",
     "Clock",
+    "DaqError",
     "Ending",
     "HostClock",
     "ManualClock",

@@ -13,7 +13,7 @@ from daq.progress import Phase
 from daq.standstill import Window, apart
 from daq.supervision import Supervision
 from recordings.events import Dwell
-from recordings.rig import Plan, visits
+from recordings.rig import Plan
 
 
 class ByHandPlan:
@@ -21,11 +21,12 @@ class ByHandPlan:
 
     Args:
         plan: a plan in mode "by-hand".
+        stops: how many dwells to record.
         supervision: the running session.
     """
 
-    def __init__(self, plan: Plan, supervision: Supervision) -> None:
-        self._stops = len(visits(plan))
+    def __init__(self, plan: Plan, stops: int, supervision: Supervision) -> None:
+        self._stops = stops
         self._session = supervision
         self._dwell_ns = round(plan.dwell * SECOND)
         self._settle_ns = round(plan.settle * SECOND)

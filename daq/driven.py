@@ -11,6 +11,8 @@ from a target that was sent but seen in the channels.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from daq.clock import SECOND
 from daq.drives import Drives
 from daq.errors import SessionFailed
@@ -20,7 +22,10 @@ from daq.scale import Scale, scale_of
 from daq.standstill import FEWEST
 from daq.supervision import TICK_S, Supervision
 from recordings.events import Dwell, Fault, Mode
-from recordings.rig import Plan, Rig, Visit, visits
+from recordings.rig import Plan, Rig, Visit
+
+TARGET_S = 0.1
+"""Time between two targets of a move [s]; drives have profiles of their own in between."""
 
 ARRIVED = 0.02
 """How far a drive joint may stand from its target to have arrived [rad or m].
@@ -36,6 +41,7 @@ class DrivenPlan:
     Args:
         rig: the rig.
         plan: a plan in mode "driven".
+        stops: its visits, in order.
         drives: the joint drives.
         supervision: the running session.
         options: timeouts.
@@ -45,11 +51,13 @@ class DrivenPlan:
         self,
         rig: Rig,
         plan: Plan,
+        stops: Sequence[Visit],
         drives: Drives,
         supervision: Supervision,
         options: CaptureOptions,
     ) -> None:
         self._plan = plan
+        self._stops = stops
         self._drives = drives
         self._session = supervision
         self._options = options
@@ -71,7 +79,7 @@ class DrivenPlan:
         self._session.enter(Phase.HOLDING, 0, "the drives take hold")
         self._take_hold()
         skipped = 0
-        for number, visit in enumerate(visits(self._plan), start=1):
+        for number, visit in enumerate(self._stops, start=1):
             self._move(number, visit)
             trouble = self._stay(number, visit)
             if trouble is None:
@@ -90,8 +98,10 @@ class DrivenPlan:
         others = [joint for joint in self._drives.joints if joint not in self._plan.drives]
         for joint in self._drives.joints:
             self._drives.set_mode(joint, Mode.OFF, cause)
+            self._session.tick()
         for joint in others:
             self._drives.set_mode(joint, Mode.FREE, cause)
+            self._session.tick()
         for joint in others:
             self._await_mode(joint, Mode.FREE)
         for joint in self._plan.drives:
@@ -124,9 +134,10 @@ class DrivenPlan:
         done = 0.0
         before_ns = self._session.now_ns()
         while done < 1.0:
-            now_ns = self._session.tick()
-            # A tick that came late must not become a jump of the target.
-            step_s = min((now_ns - before_ns) / SECOND, 2 * TICK_S)
+            while (now_ns := self._session.tick()) - before_ns < TARGET_S * SECOND:
+                pass
+            # A target that is late, because a bus or a drive was slow, must not become a jump.
+            step_s = min((now_ns - before_ns) / SECOND, 2.0 * TARGET_S)
             before_ns = now_ns
             done = min(1.0, done + step_s / seconds) if seconds > 0.0 else 1.0
             for joint, target in end.items():

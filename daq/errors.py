@@ -8,23 +8,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 
-class CaptureError(Exception):
+class DaqError(Exception):
     """Root of what this room raises."""
 
 
-class CannotRecord(CaptureError):
+class CannotRecord(DaqError):
     """The recording cannot be put where it was asked for."""
 
 
-class PlanNotPossible(CaptureError):
+class PlanNotPossible(DaqError):
     """The plan does not fit the rig or its drives."""
 
 
-class NotArmed(CaptureError):
+class NotArmed(DaqError):
     """Arming was refused, so no joint may be moved."""
 
 
-class NotReady(CaptureError):
+class NotReady(DaqError):
     """Ports, devices or channels do not answer.
 
     Attributes:
@@ -38,11 +38,11 @@ class NotReady(CaptureError):
         super().__init__("\n".join([head, *(f"  {line}" for line in self.missing)]))
 
 
-class StopRequested(CaptureError):
+class StopRequested(DaqError):
     """The operator asked to stop."""
 
 
-class SessionFailed(CaptureError):
+class SessionFailed(DaqError):
     """The session cannot go on: a link, a drive or the recording failed, or nothing stands still.
 
     Attributes:

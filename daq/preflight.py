@@ -12,7 +12,7 @@ from pathlib import Path
 from daq.errors import CannotRecord, NotArmed, NotReady, PlanNotPossible
 from daq.scale import scale_of
 from drivers import DeviceStatus, DriverError, Link
-from recordings.rig import Plan, Rig, visits
+from recordings.rig import Plan, Rig, Visit
 
 
 def check_path(path: Path) -> None:
@@ -26,8 +26,13 @@ def check_path(path: Path) -> None:
         raise CannotRecord(f"there is no folder '{path.parent}' for the recording; make it first")
 
 
-def check_plan(rig: Rig, plan: Plan) -> None:
+def check_plan(rig: Rig, plan: Plan, stops: Sequence[Visit]) -> None:
     """Whether the rig describes all that ``plan`` needs, without looking at hardware.
+
+    Args:
+        rig: the rig.
+        plan: the plan to be executed.
+        stops: its visits.
 
     Raises:
         NotReady: channels without a device.
@@ -45,7 +50,7 @@ def check_plan(rig: Rig, plan: Plan) -> None:
     for joint in plan.drives:
         if joint not in moved:
             raise PlanNotPossible(f"the plan drives '{joint}', but no device of the rig moves it")
-    for visit in visits(plan):
+    for visit in stops:
         for joint, target in zip(plan.drives, visit.targets, strict=True):
             scales[joint].counts(target)
             allowed = limits.get(joint)

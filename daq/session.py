@@ -34,7 +34,7 @@ from daq.supervision import TICK_S, Supervision
 from drivers import DriverError, JointDrive, Link, make_links
 from recordings.errors import RecordingError
 from recordings.events import Mark, Mode
-from recordings.rig import Plan, Rig, visits
+from recordings.rig import Plan, Rig, Visit, visits
 from recordings.session import Session
 from recordings.writer import Writer
 
@@ -100,7 +100,8 @@ def capture(
         raise PlanNotPossible(f"the rig '{rig.name}' has no [plan]; add one, or give a plan")
     target = Path(path)
     check_path(target)
-    check_plan(rig, plan)
+    stops = visits(plan)
+    check_plan(rig, plan, stops)
     clock = clock or HostClock()
     stop = stop or threading.Event()
     links = make_links(rig, clock) if links is None else links
@@ -111,7 +112,9 @@ def capture(
         joints = {joint: drive for link in links for joint, drive in link.joints.items()}
         arm_drives(rig, joints, statuses, arm)
         with _signals_set(stop):
-            session = _Session(rig, plan, links, joints, clock, stop, options or CaptureOptions())
+            session = _Session(
+                rig, plan, stops, links, joints, clock, stop, options or CaptureOptions()
+            )
             session.start()
             metadata = Session(
                 session_id=uuid.uuid4().hex,
@@ -150,6 +153,7 @@ class _Session:
         self,
         rig: Rig,
         plan: Plan,
+        stops: Sequence[Visit],
         links: Sequence[Link],
         joints: dict[str, JointDrive],
         clock: Clock,
@@ -158,6 +162,7 @@ class _Session:
     ) -> None:
         self._rig = rig
         self._plan = plan
+        self._stops = stops
         self._clock = clock
         self._stop = stop
         self._options = options
@@ -222,11 +227,10 @@ class _Session:
             raise CannotRecord(str(error)) from error
         recorder = Recorder(writer, self._queue, self._clock)
         recorder.start()
-        stops = len(visits(self._plan))
         supervision = Supervision(
             rig=self._rig,
             plan=self._plan,
-            stops=stops,
+            stops=len(self._stops),
             clock=self._clock,
             stop=self._stop,
             live=self._live,
@@ -262,7 +266,7 @@ class _Session:
             ending=ending,
             why=why,
             duration_s=(self._clock.now_ns() - supervision.start_ns) / SECOND,
-            stops=stops,
+            stops=len(self._stops),
             dwells=supervision.dwells,
             ledger=recorder.ledger,
             faults=self._live.faults,
@@ -271,12 +275,15 @@ class _Session:
 
     def _execute(self, supervision: Supervision, drives: Drives) -> None:
         if self._plan.mode == "driven":
-            DrivenPlan(self._rig, self._plan, drives, supervision, self._options).run()
+            plan = DrivenPlan(
+                self._rig, self._plan, self._stops, drives, supervision, self._options
+            )
+            plan.run()
             return
         for joint in drives.joints:
             drives.set_mode(joint, Mode.OFF, "before the plan")
             drives.set_mode(joint, Mode.FREE, "moved by hand")
-        ByHandPlan(self._plan, supervision).run()
+        ByHandPlan(self._plan, len(self._stops), supervision).run()
 
     def _stop_links(self) -> None:
         for link in self._links:

@@ -1,0 +1,95 @@
+"""Captures of both bundled rigs through real ports, against virtual devices in their own process."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq import Ending, HostClock, NotReady, capture
+from drivers import make_links
+from recordings.reader import read_recording
+from recordings.rig import Rig, load_rig, rig_text, visits
+
+BENCH = """
+import json, sys
+from recordings.rig import load_rig
+from sim_devices.bench import run_bench, stop_on_signals
+from sim_devices.plant.creation import make_nature
+from sim_devices.plant.live import make_plant
+
+rig = load_rig(sys.argv[1])
+with stop_on_signals() as stop:
+    run_bench(
+        rig,
+        make_plant(make_nature(rig, seed=3)),
+        stop=stop,
+        ports=json.loads(sys.argv[2]),
+        ready=lambda addresses: print("ready", flush=True),
+    )
+"""
+
+
+@contextmanager
+def running(rig: str, ports: Mapping[str, str]) -> Iterator[subprocess.Popen[str]]:
+    """Virtual devices of a bundled rig on ``ports``."""
+    command = [sys.executable, "-c", BENCH, rig, json.dumps(ports)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "ready\n"
+            yield process
+        finally:
+            process.terminate()
+
+
+def shortened(rig: Rig) -> Rig:
+    """6 poses, of which 1 is visited again."""
+    revisit = rig.plan.revisit.model_copy(update={"poses": 1, "visits": 2})
+    plan = rig.plan.model_copy(update={"poses": 6, "revisit": revisit})
+    return rig.model_copy(update={"plan": plan})
+
+
+def ports_in(rig: Rig, folder: Path) -> dict[str, str]:
+    return {port.name: str(folder / port.name) for port in rig.ports}
+
+
+@pytest.mark.wires
+@pytest.mark.parametrize("name", ["arm", "shoulder"])
+def test_a_shortened_plan_is_captured_without_an_unexplained_loss(name, tmp_path):
+    rig = shortened(load_rig(name))
+    ports, clock = ports_in(rig, tmp_path), HostClock()
+    with running(name, ports):
+        links = make_links(rig, clock, ports)
+        path = tmp_path / f"{name}.mcap"
+        summary = capture(rig, rig_text(name)[0], path, links=links, clock=clock)
+    assert summary.ending is Ending.COMPLETE, (summary.why, summary.faults)
+    assert len(summary.dwells) == len(visits(rig.plan))
+    recording = read_recording(path)
+    for channel in rig.channels:
+        readings = recording.readings[channel.name]
+        entry = summary.ledger[channel.name]
+        assert entry.unaccounted == 0
+        assert entry.received == len(readings.raw)
+        for dwell in summary.dwells:
+            inside = (readings.time_ns >= dwell.start_ns) & (readings.time_ns <= dwell.end_ns)
+            counts = readings.raw[inside].astype(float)
+            assert len(counts) >= 0.5 * rig.plan.dwell * rig.plan.sample
+            assert np.std(counts) < 3.0 * max(channel.noise, 1.0)
+
+
+@pytest.mark.wires
+def test_devices_that_are_not_there_are_all_named(tmp_path):
+    rig = load_rig("arm")
+    ports, clock = ports_in(rig, tmp_path), HostClock()
+    links = make_links(rig, clock, ports)
+    with pytest.raises(NotReady) as caught:
+        capture(rig, rig_text("arm")[0], tmp_path / "arm.mcap", links=links, clock=clock)
+    assert len(caught.value.missing) == 2
+    assert not (tmp_path / "arm.mcap").exists()
