@@ -182,9 +182,7 @@ def test_pieces_do_not_matter(line: bytes, data: st.DataObject) -> None:
     assert halves == list(whole.receive(line))
 
 
-@given(
-    st.integers(0, 0x7FF), st.binary(max_size=8), st.sampled_from([0.0, 1.5]), st.booleans()
-)
+@given(st.integers(0, 0x7FF), st.binary(max_size=8), st.sampled_from([0.0, 1.5]), st.booleans())
 def test_what_one_adapter_shows_another_sends(
     identifier: int, data: bytes, time_s: float, extended: bool
 ) -> None:

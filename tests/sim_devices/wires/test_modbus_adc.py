@@ -1,0 +1,81 @@
+"""The register map of the virtual converter."""
+
+from __future__ import annotations
+
+import pytest
+
+from sim_devices.modbus import ExceptionCode, RequestRefused
+from sim_devices.modbus_adc import AdcLayout, AdcRegisters
+
+
+@pytest.fixture
+def registers(plant) -> AdcRegisters:
+    plant.counts = {"q6": 2048, "q7": -2}
+    return AdcRegisters(AdcLayout(channels=3), {0: "q6", 1: "q7"}, plant)
+
+
+def test_one_read_gives_all(registers: AdcRegisters) -> None:
+    # Counter, two counts (one of them negative), the open input, 7.0 s as 70,000 = 0x00011170.
+    assert registers.read_input(0, 6, 7.0) == [1, 2048, 0xFFFE, 0, 0x0001, 0x1170]
+    assert registers.read_input(0, 1, 7.0) == [2]
+    assert registers.read_holding(0, 2, 7.0) == [3, 2048]
+
+
+def test_counter_wraps(registers: AdcRegisters) -> None:
+    for _ in range(0xFFFF):
+        last = registers.read_input(0, 1, 0.0)
+    assert last == [0xFFFF]
+    assert registers.read_input(0, 1, 0.0) == [0]
+
+
+@pytest.mark.parametrize(("address", "count"), [(0, 7), (6, 1), (255, 2), (256, 1), (1000, 1)])
+def test_input_registers_end(registers: AdcRegisters, address: int, count: int) -> None:
+    with pytest.raises(RequestRefused) as caught:
+        registers.read_input(address, count, 0.0)
+    assert caught.value.code is ExceptionCode.ILLEGAL_DATA_ADDRESS
+
+
+def test_refused_read_takes_no_sample(registers: AdcRegisters) -> None:
+    with pytest.raises(RequestRefused):
+        registers.read_input(0, 50, 0.0)
+    registers.read_holding(256, 2, 0.0)
+    assert registers.read_input(0, 1, 0.0) == [1]
+
+
+def test_settings(registers: AdcRegisters, plant, monkeypatch: pytest.MonkeyPatch) -> None:
+    registers.write_holding(256, [4, 99])
+    assert registers.read_holding(256, 2, 0.0) == [4, 99]
+    noisy = iter([10, 12, 13, 13])
+    monkeypatch.setattr(plant, "sense", lambda channel: next(noisy) if channel == "q6" else 0)
+    assert registers.read_input(1, 1, 0.0) == [12]
+
+
+@pytest.mark.parametrize(
+    ("address", "values", "code"),
+    [
+        (256, [0, 5], ExceptionCode.ILLEGAL_DATA_VALUE),
+        (256, [65], ExceptionCode.ILLEGAL_DATA_VALUE),
+        (1, [5], ExceptionCode.ILLEGAL_DATA_ADDRESS),
+        (257, [5, 5], ExceptionCode.ILLEGAL_DATA_ADDRESS),
+    ],
+)
+def test_refused_write_changes_nothing(registers, address, values, code) -> None:
+    with pytest.raises(RequestRefused) as caught:
+        registers.write_holding(address, values)
+    assert caught.value.code is code
+    assert registers.read_holding(256, 2, 0.0) == [1, 0]
+
+
+@pytest.mark.parametrize(
+    ("layout", "fits"),
+    [
+        (AdcLayout(2), True),
+        (AdcLayout(2, first_register=0, counter_register=4), True),
+        (AdcLayout(2, first_register=0, counter_register=3), False),
+        (AdcLayout(2, first_register=10, counter_register=9), True),
+        (AdcLayout(2, first_register=252), True),
+        (AdcLayout(2, first_register=253), False),
+    ],
+)
+def test_layout_collides_or_not(layout: AdcLayout, fits: bool) -> None:
+    assert layout.fits == fits

@@ -1,0 +1,107 @@
+"""Third parties as judges: pymodbus and minimalmodbus as clients, through a real pty."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import minimalmodbus
+import pytest
+import serial
+from pymodbus.client import ModbusSerialClient
+
+from recordings.rig import Rig
+
+pytestmark = [pytest.mark.wires, pytest.mark.usefixtures("no_leaks")]
+
+PATIENCE_S = 5.0
+
+
+@pytest.fixture
+def address(shoulder_here: Rig, plant, running) -> Iterator[str]:
+    plant.counts = {"d1": 2048, "d2": 0, "d3": 4095, "d4": -1}
+    with running(shoulder_here, plant) as addresses:
+        yield addresses["shoulder-adc"]
+
+
+@pytest.fixture
+def client(address: str) -> Iterator[ModbusSerialClient]:
+    made = ModbusSerialClient(address, baudrate=115_200, timeout=PATIENCE_S, retries=0)
+    assert made.connect()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def instrument(address: str) -> Iterator[minimalmodbus.Instrument]:
+    made = minimalmodbus.Instrument(address, 1)
+    made.serial.baudrate = 115_200
+    made.serial.timeout = PATIENCE_S
+    yield made
+    made.serial.close()
+
+
+def test_pymodbus_reads_and_writes(client: ModbusSerialClient) -> None:
+    first = client.read_input_registers(0, count=7, device_id=1).registers
+    assert first[:5] == [1, 2048, 0, 4095, 0xFFFF]
+    again = client.read_holding_registers(0, count=7, device_id=1).registers
+    assert again[:5] == [2, 2048, 0, 4095, 0xFFFF]
+    assert again[5] << 16 | again[6] >= first[5] << 16 | first[6]
+    assert not client.write_register(257, 4711, device_id=1).isError()
+    assert not client.write_registers(256, [8, 4712], device_id=1).isError()
+    assert client.read_holding_registers(256, count=2, device_id=1).registers == [8, 4712]
+
+
+@pytest.mark.parametrize(("address_", "count", "code"), [(7, 1, 2), (0, 8, 2)])
+def test_pymodbus_sees_exceptions(
+    client: ModbusSerialClient, address_: int, count: int, code: int
+) -> None:
+    answer = client.read_input_registers(address_, count=count, device_id=1)
+    assert answer.isError()
+    assert answer.exception_code == code
+
+
+def test_pymodbus_sees_illegal_function_and_value(client: ModbusSerialClient) -> None:
+    assert client.read_coils(0, count=1, device_id=1).exception_code == 1
+    assert client.write_register(256, 0, device_id=1).exception_code == 3
+
+
+def test_pymodbus_reads_the_identification(client: ModbusSerialClient) -> None:
+    answer = client.read_device_information(read_code=1, device_id=1)
+    assert answer.information == {0: b"loopcal virtual", 1: b"modbus-adc", 2: b"1.0"}
+
+
+def test_pymodbus_polls_on(client: ModbusSerialClient) -> None:
+    polls = [client.read_input_registers(0, count=7, device_id=1).registers for _ in range(200)]
+    assert [registers[0] for registers in polls] == list(range(1, 201))
+
+
+def test_minimalmodbus_reads_and_writes(instrument: minimalmodbus.Instrument) -> None:
+    assert instrument.read_registers(1, 4, functioncode=4) == [2048, 0, 4095, 0xFFFF]
+    assert instrument.read_register(4, functioncode=3, signed=True) == -1
+    first = instrument.read_long(5, functioncode=4)
+    assert instrument.read_long(5, functioncode=4) >= first
+    instrument.write_register(257, 77, functioncode=6)
+    instrument.write_registers(256, [2, 78])
+    assert instrument.read_registers(256, 2) == [2, 78]
+
+
+def test_minimalmodbus_sees_exceptions(instrument: minimalmodbus.Instrument) -> None:
+    # It waits its whole timeout for the bytes that an exception response does not have.
+    instrument.serial.timeout = 0.5
+    with pytest.raises(minimalmodbus.IllegalRequestError):
+        instrument.read_register(300)
+    with pytest.raises(minimalmodbus.IllegalRequestError):
+        instrument.write_register(256, 65, functioncode=6)
+
+
+def test_another_unit_is_silent(address: str) -> None:
+    with serial.Serial(address, 115_200, timeout=0.1) as line:
+        foreign = minimalmodbus.Instrument(line, 2)
+        foreign.serial.timeout = 0.1
+        with pytest.raises(minimalmodbus.NoResponseError):
+            foreign.read_register(0, functioncode=4)
+        line.write(bytes.fromhex("01 04 00 00 00 01 00 00"))  # a wrong CRC
+        assert line.read(1) == b""
+        near = minimalmodbus.Instrument(line, 1)
+        near.serial.timeout = PATIENCE_S
+        assert near.read_register(0, functioncode=4) == 1
