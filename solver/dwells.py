@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]
 
-_HALF_WINDOW_S = 0.1
+_HALF_WINDOW_S = 0.15
 _GRID_S = 0.01
+EDGE_S = 0.08  # at either end of a standstill motion may already have begun, below the noise
 _THRESHOLD = 5.0  # standard errors of the difference of two half-window means
 _QUANTUM = 0.3  # counts: no channel is believed to be quieter than its quantisation
 

@@ -55,6 +55,8 @@ def result(solution: Solution) -> dict[str, Any]:
             "predicted_position_rms_m": None if after is None else after.position_predicted,
             "predicted_orientation_rms_rad": None if after is None else after.orientation_predicted,
             "chi2_per_dof": _number(estimate.misfit),
+            "degrees_of_freedom": estimate.freedoms,
+            "standard_errors_inflated_by": estimate.inflation,
             "paper_sigma_position_m": None if after is None else after.sigma_position_as_printed,
             "paper_sigma_orientation_rad": None
             if after is None

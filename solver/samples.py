@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from recordings.reader import Recording
 from recordings.rig import Channel
-from solver.dwells import Track, Window, standstills, without_edges
+from solver.dwells import EDGE_S, Track, Window, standstills, without_edges
 from solver.errors import NotEnoughData
 
 Array = NDArray[np.float64]
@@ -99,7 +99,7 @@ def average(recording: Recording, *, shortest_s: float | None = None) -> PoseTab
     else:
         if shortest_s is None:
             shortest_s = 0.6 * rig.plan.dwell if rig.plan is not None else 0.3
-        windows = without_edges(standstills(tracks, shortest_s=shortest_s), 0.02)
+        windows = without_edges(standstills(tracks, shortest_s=shortest_s), EDGE_S)
     if not windows:
         raise NotEnoughData(
             "the recording has no dwells: it carries no dwell messages, and the readings show no standstill "
@@ -173,7 +173,9 @@ def _noise(pieces: list[list[Array]], rows: list[int], channels: int) -> tuple[A
         # The median over dwells keeps a few dwells with motion from setting the noise of all.
         variances = np.array([np.var(pieces[w][c], ddof=1) for w in rows])
         usual = np.median(variances)
-        quiet = [w for w, v in zip(rows, variances, strict=True) if v <= 4.0 * usual + 1e-12]
+        freedom = np.array([len(pieces[w][c]) - 1 for w in rows])
+        likely = usual * (1.0 + 3.0 * np.sqrt(2.0 / freedom)) + 1e-12
+        quiet = [w for w, v, most in zip(rows, variances, likely, strict=True) if v <= most]
         centred = [pieces[w][c] - pieces[w][c].mean() for w in quiet]
         freedoms = sum(len(x) - 1 for x in centred)
         sigma[c] = np.sqrt(sum(float(x @ x) for x in centred) / freedoms)

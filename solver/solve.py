@@ -15,7 +15,7 @@ from recordings.reader import Recording
 from recordings.rig import Rig, parameters
 from solver.closure import ClosureErrors, closure_errors
 from solver.errors import MechanismError, NotEnoughData
-from solver.estimate import hinge
+from solver.estimate import hinge, likelihood
 from solver.estimate.estimate import Estimate
 from solver.estimate.identifiability import Identifiability, identifiability
 from solver.estimate.methods import Method, fitting, method_named
@@ -46,7 +46,8 @@ class Solution:
         estimate: the result, from the selected poses.
         beside: results of the other methods that fit, from the same poses.
         identifiability: what the selected poses determine.
-        raw: observability of the method's Jacobian, SI columns.
+        raw: observability of the identification Jacobian (the method's own; for maximum
+            likelihood the one by which poses are chosen), SI columns.
         scaled: the same with unit columns.
         before: every pose settled at the nominal parameters.
         after: every pose settled at the estimate.
@@ -108,7 +109,7 @@ def solve_table(
         raise MechanismError(_does_not_close(rig))
     _require_enough(table, space, before, poses)
 
-    selection = select(before.jacobian, poses)
+    selection = select(_judged(model, space, observed, before, space.nominal), poses)
     selected = observed.take(selection.poses)
     estimate = chosen.identify(model, space, selected)
     if estimate.status is Status.DOES_NOT_CLOSE:
@@ -116,7 +117,7 @@ def solve_table(
     # The first choice was made at the nominal parameters; choose again where the answer is.
     after = settle(model, observed, before.coordinates, estimate.parameters, space.expansion)
     if after.closed.all() and poses < len(table.counts):
-        selection = select(after.jacobian, poses)
+        selection = select(_judged(model, space, observed, after, estimate.parameters), poses)
         selected = observed.take(selection.poses)
         estimate = chosen.identify(model, space, selected)
         after = settle(model, observed, after.coordinates, estimate.parameters, space.expansion)
@@ -127,6 +128,11 @@ def solve_table(
         else None
         for x in (space.nominal, estimate.parameters)
     ]
+    if chosen.name == likelihood.NAME:
+        judged = _judged(model, space, observed, after, estimate.parameters)[selection.poses]
+        jacobian = judged.reshape(-1, judged.shape[2])
+    else:
+        jacobian = estimate.jacobian
     at_selected = after.jacobian[selection.poses].reshape(-1, len(space.names))
     return Solution(
         rig=rig,
@@ -137,13 +143,27 @@ def solve_table(
         estimate=estimate,
         beside=others,
         identifiability=identifiability(space, at_selected),
-        raw=observability(estimate.jacobian, scaled=False),
-        scaled=observability(estimate.jacobian, scaled=True),
+        raw=observability(jacobian, scaled=False),
+        scaled=observability(jacobian, scaled=True),
         before=before,
         after=after,
         closure_before=closure[0],
         closure_after=closure[1],
     )
+
+
+def _judged(
+    model: Model, space: ParameterSpace, observed: Observations, settled: Settled, at: Array
+) -> Array:
+    """(P, E, n) Jacobian by which poses are chosen and observability is judged.
+
+    For a hinged arm that of the closure errors, as in the paper: comparable with its figures,
+    and it does not stake the choice of poses on the stated noise of each sensor. Otherwise
+    the whitened one of the likelihood.
+    """
+    if isinstance(model, SerialModel) and hinge.fits(model):
+        return hinge.residual(model, observed.counts, at, space.expansion).closure.by_parameters
+    return settled.jacobian
 
 
 def _does_not_close(rig: Rig) -> str:

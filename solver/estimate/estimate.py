@@ -10,11 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from solver.estimate.trust_region import Status
 from solver.mechanism.space import ParameterSpace
 
 Array = NDArray[np.float64]
+
+_SIGNIFICANT = 0.99  # of chi-square: a larger misfit is not noise
 
 
 @dataclass(frozen=True)
@@ -27,10 +30,11 @@ class Estimate:
         status: why the method stopped.
         iterations: steps it took.
         parameters: (N,) full parameter vector, SI.
-        covariance: (n, n) of the identified parameters, SI.
+        covariance: (n, n) of the identified parameters under reading noise alone, SI.
         jacobian: (M, n) of the method's residual, SI columns.
         residual: (M,) the method's residual at the solution.
         coordinates: (P, U) the poses' coordinates.
+        freedoms: degrees of freedom of the misfit.
         misfit: residual sum of squares over what sensor noise alone would leave; 1 where the
             model and the noise explain everything (chi-square per degree of freedom).
         held: (n, k) orthonormal directions (in scaled parameters) that the data do not
@@ -47,6 +51,7 @@ class Estimate:
     jacobian: Array
     residual: Array
     coordinates: Array
+    freedoms: int
     misfit: float
     held: Array
     left_out: int = 0
@@ -57,6 +62,18 @@ class Estimate:
         return self.space.reduce(self.parameters)
 
     @property
+    def inflation(self) -> float:
+        """Factor on all standard errors: the root of the misfit where that is significantly above 1.
+
+        Then something is missing from the model, and noise alone would promise too much
+        (the scale factor of the Particle Data Group's averages).
+        """
+        if self.freedoms < 1 or not np.isfinite(self.misfit):
+            return 1.0
+        limit = chi2.ppf(_SIGNIFICANT, self.freedoms) / self.freedoms
+        return float(np.sqrt(self.misfit)) if self.misfit > limit else 1.0
+
+    @property
     def standard_errors(self) -> Array:
-        """(n,) standard errors, SI."""
-        return np.sqrt(np.diag(self.covariance))
+        """(n,) standard errors, SI, inflated where the misfit asks for it."""
+        return self.inflation * np.sqrt(np.diag(self.covariance))

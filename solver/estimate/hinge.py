@@ -122,6 +122,7 @@ def identify(model: Model, space: ParameterSpace, observed: Observations) -> Est
         jacobian=closure.jacobian,
         residual=closure.residual.ravel(),
         coordinates=residual(model, observed.counts, parameters, space.expansion).coordinates,
+        freedoms=closure.residual.size - len(z),
         misfit=closure.cost / expected_cost(closure, observed.sigma),
         held=np.zeros((len(z), 0)),
     )

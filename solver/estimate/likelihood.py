@@ -10,11 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.estimate.closing import approach
 from solver.estimate.estimate import Estimate
 from solver.estimate.identifiability import covariance
 from solver.estimate.nuisance import Observations, Settled, assemble, settle
 from solver.estimate.trust_region import Evaluation, Status, minimise
 from solver.mechanism.model import Model
+from solver.mechanism.serial import SerialModel
 from solver.mechanism.space import ParameterSpace
 
 Array = NDArray[np.float64]
@@ -45,7 +47,10 @@ def identify(
     begin = space.nominal if start is None else start
     prior = space.reduce(space.nominal), space.uncertainty
     believed = np.isfinite(prior[1]) if use_priors else np.zeros(len(space.names), dtype=bool)
-    first = assemble(model, observed, begin)
+    if isinstance(model, SerialModel):
+        begin, first = approach(model, space, observed, begin)
+    else:
+        first = assemble(model, observed, begin)
     closures = model.linearise(first[:1], begin, space.expansion).closure.shape[1]
     freedoms = first.shape[1] - closures
 
@@ -111,6 +116,7 @@ def _estimate(
         jacobian=jacobian,
         residual=residual,
         coordinates=settled.coordinates,
+        freedoms=free,
         misfit=float(residual @ residual) / free if free > 0 else float("nan"),
         held=found.held,
     )

@@ -231,6 +231,7 @@ def identify(model: Model, space: ParameterSpace, observed: Observations) -> Est
         residual=closure.residual.ravel(),
         coordinates=coordinates,
         left_out=len(observed.counts) - len(kept),
+        freedoms=len(kept) - len(z),
         misfit=closure.cost / expected_cost(closure, sigma),
         held=np.zeros((len(z), 0)),
     )
@@ -248,6 +249,7 @@ def _did_not_close(space: ParameterSpace, coordinates: Array) -> Estimate:
         jacobian=np.zeros((0, n)),
         residual=np.zeros(0),
         coordinates=coordinates,
+        freedoms=0,
         misfit=float("nan"),
         held=np.zeros((n, 0)),
     )

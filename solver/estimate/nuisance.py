@@ -56,7 +56,9 @@ class Settled:
         residual: (P, C), whitened measured - predicted.
         jacobian: (P, C, n), its derivative with the reduced parameters, coordinates following.
         following: (P, U, n), derivative of the coordinates with the reduced parameters.
-        closed: (P,), whether the pose's loop closes and its search came to rest.
+        at_rest: (P,), whether the search came to rest; when not, the coordinates close the loop
+            but others would fit the readings better.
+        closed: (P,), whether the pose's loop closes.
         closure_m_rad: (P,), largest closure error left.
     """
 
@@ -64,6 +66,7 @@ class Settled:
     residual: Array
     jacobian: Array
     following: Array
+    at_rest: NDArray[np.bool_]
     closed: NDArray[np.bool_]
     closure_m_rad: Array
 
@@ -92,23 +95,53 @@ def settle(
         parameters: (N,) full parameter vector.
         expansion: (N, n) from reduced to full parameter changes.
         iterations: Gauss-Newton steps at most.
-        tolerance: a pose is at rest when its step is below this many standard deviations.
+        tolerance: a pose is at rest when its step is below this fraction of one standard
+            deviation plus its largest residual.
     """
     u = coordinates.copy()
     nowhere = expansion[:, :0]
-    at = model.linearise(u, parameters, nowhere)
-    size = u.shape[1]
+    poses, size = u.shape
+    damping = np.zeros(poses)
+    moved = np.full(poses, np.inf)
+    at_rest = np.zeros(poses, dtype=bool)
+    moving = np.arange(poses)
     for _ in range(iterations):
-        kkt, target, scale = _kkt(at, observed)
+        here = observed.take(moving)
+        at = model.linearise(u[moving], parameters, nowhere)
+        kkt, target, scale = _kkt(at, here)
+        misread = np.abs((here.counts - at.readings) / here.sigma).max(axis=1)
+        sensed = np.arange(size)
+        kkt[:, sensed, sensed] += damping[moving, None] * kkt[:, sensed, sensed]
         step = np.linalg.solve(kkt, target[:, :, None])[:, :size, 0]
-        moved = np.abs(step).max(axis=1)
+        length = np.abs(step).max(axis=1) * (1.0 + damping[moving])
+        # Far from its readings a pose overshoots, or circles: damp it until its steps shrink.
+        shrinking = length < 0.9 * moved[moving]
+        damping[moving] = np.where(shrinking, 0.3 * damping[moving], 2.0 * damping[moving] + 0.3)
+        damping[moving[moved[moving] == np.inf]] = 0.0
+        moved[moving] = length
         step *= scale
         largest = np.abs(step).max(axis=1, keepdims=True)
-        u = u + step * np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300))
-        if moved.max(initial=0.0) < tolerance:
+        u[moving] += step * np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300))
+        resting = length < tolerance * (1.0 + misread)
+        at_rest[moving] = resting
+        moving = moving[~resting]
+        if not len(moving):
             break
-        at = model.linearise(u, parameters, nowhere)
-    return _settled(model.linearise(u, parameters, expansion), observed, u, moved < 100 * tolerance)
+    if len(moving):
+        u[moving] = _closed(model, observed.take(moving), u[moving], parameters, nowhere)
+    return _settled(model.linearise(u, parameters, expansion), observed, u, at_rest)
+
+
+def _closed(
+    model: Model, observed: Observations, u: Array, parameters: Array, nowhere: Array
+) -> Array:
+    """``u`` moved as little as possible onto the closure."""
+    for _ in range(4):
+        kkt, target, scale = _kkt(model.linearise(u, parameters, nowhere), observed)
+        size = u.shape[1]
+        target[:, :size] = 0.0
+        u = u + np.linalg.solve(kkt, target[:, :, None])[:, :size, 0] * scale
+    return u
 
 
 def _kkt(at: Linearised, observed: Observations) -> tuple[Array, Array, Array]:
@@ -163,7 +196,8 @@ def _settled(
         residual=(observed.counts - at.readings) / observed.sigma,
         jacobian=-Hx - H @ following,
         following=following,
-        closed=at_rest & (error < 1e-8),
+        at_rest=at_rest,
+        closed=error < 1e-8,
         closure_m_rad=error,
     )
 

@@ -72,6 +72,7 @@ def minimise(
     *,
     iterations: int = 100,
     tolerance: float = 1e-9,
+    floor: float = 1e-10,
 ) -> Minimum[State] | None:
     """A local minimum of |r(z)|^2 from ``start``; None when r cannot be evaluated there.
 
@@ -82,6 +83,7 @@ def minimise(
         iterations: steps at most.
         tolerance: stop when a step would lower the cost by less than this fraction, or
             moves less than this fraction of the scaled variables.
+        floor: a cost gain that is nothing. Whitened residuals have unit variance.
     """
     z = start.copy()
     here = evaluate(z, None)
@@ -97,8 +99,7 @@ def minimise(
         if radius == 0.0:
             radius = max(10 * float(np.linalg.norm(full)), 1e-12)
         predicted = cost - _cost_after(left, singular, right, cost, full)
-        # Whitened residuals have unit variance: gaining a millionth of that is nothing.
-        if predicted <= tolerance * cost + 1e-10:
+        if predicted <= tolerance * cost + floor:
             return Minimum(z, here, Status.CONVERGED, iteration)
         while True:
             step = _step(left, singular, right, radius)

@@ -1,0 +1,159 @@
+"""The report of a solve: one HTML file that needs nothing else, on screen or on paper.
+
+Owns what stands in it and in which order (the template owns the looks). Refuses to replace
+a file unless told to; a report is written whole or not at all. The same solution gives the
+same bytes.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+
+from recordings.reader import Recording
+from recordings.session import SOFTWARE, to_metadata
+from solver.errors import SolverError
+from solver.estimate import hinge, likelihood, multi_loop
+from solver.poses.observability import observability
+from solver.report.channels import channel_summaries
+from solver.report.comparison import compare
+from solver.report.leverage import expected_residuals
+from solver.report.notation import decimals_for, figures, fixed, plain, signed, typeset, unit_of
+from solver.report.pictures.changes import changes
+from solver.report.pictures.closures import closures
+from solver.report.pictures.residuals import residuals
+from solver.report.pictures.selected import selected
+from solver.report.pictures.singular_values import singular_values
+from solver.report.verdict import ACCEPTABLE_CONDITION, certificate, verdict
+from solver.solve import Solution
+
+_RESIDUAL_UNITS = {
+    likelihood.NAME: "standard deviations of the readings",
+    hinge.NAME: "m and rad of closure error",
+    multi_loop.NAME: "m² of closure error",
+}
+
+
+class ReportError(SolverError):
+    """A report cannot be written where it was asked for."""
+
+
+def write_report(
+    solution: Solution,
+    path: Path,
+    *,
+    truth: Mapping[str, float] | None = None,
+    recording: Recording | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Write the report of ``solution``.
+
+    Args:
+        solution: the solve.
+        path: the HTML file to write.
+        truth: true parameters by name, in the units of the result file (m, deg, m/count,
+            deg/count), to stand beside the estimates.
+        recording: what was solved, for its session, ledger and faults.
+        overwrite: whether a file at ``path`` may be replaced.
+
+    Raises:
+        ReportError: there is a file already, or it cannot be written.
+    """
+    path = Path(path)
+    if path.exists() and not overwrite:
+        raise ReportError(
+            f"there is already something at '{path}'; give another name for the report, or allow it to be overwritten"
+        )
+    page = render(solution, truth=truth, recording=recording)
+    # Beside its target, so that taking its place is one step of the file system.
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_bytes(page.encode("utf-8"))
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise ReportError(f"cannot write the report '{path}': {error.strerror}") from error
+
+
+def render(
+    solution: Solution,
+    *,
+    truth: Mapping[str, float] | None = None,
+    recording: Recording | None = None,
+) -> str:
+    """The page that `write_report` writes."""
+    estimate, space = solution.estimate, solution.estimate.space
+    rows = compare(solution, truth)
+    expected = expected_residuals(
+        solution.model, solution.table, solution.after.coordinates, estimate.parameters
+    )
+    methods = (estimate, *solution.beside)
+    raw = (solution.raw, *(observability(o.jacobian, scaled=False) for o in solution.beside))
+    scaled = (solution.scaled, *(observability(o.jacobian, scaled=True) for o in solution.beside))
+    before, after = solution.closure_before, solution.closure_after
+    identified = set(space.names)
+    return _template().render(
+        solution=solution,
+        estimate=estimate,
+        rig=solution.rig,
+        verdict=verdict(solution, rows),
+        rows=rows,
+        known=any(row.truth is not None for row in rows),
+        stated=[
+            (parameter, float(value) / unit_of(parameter).to_si, unit_of(parameter).name)
+            for parameter, value in zip(space.table, estimate.parameters, strict=True)
+            if parameter.name not in identified
+        ],
+        certificate=certificate(solution),
+        acceptable=ACCEPTABLE_CONDITION,
+        observability=[
+            (method.method, _RESIDUAL_UNITS.get(method.method, "the method's residual"), r, s)
+            for method, r, s in zip(methods, raw, scaled, strict=True)
+        ],
+        channels=channel_summaries(solution, expected),
+        changes=changes(rows, estimate.method, [other.method for other in solution.beside]),
+        residuals=residuals(solution, expected),
+        closures=None
+        if before is None or after is None
+        else closures(before, after, solution.selection.poses),
+        selected=selected(solution),
+        singular_values=singular_values(
+            [method.method for method in methods], raw, scaled, ACCEPTABLE_CONDITION
+        ),
+        recording=recording,
+        session={} if recording is None else to_metadata(recording.session),
+        software=SOFTWARE,
+        command=_command(solution, recording),
+    )
+
+
+def _template() -> Template:
+    environment = Environment(
+        loader=PackageLoader("solver.report", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["typeset"] = typeset
+    environment.globals.update(
+        fixed=lambda value, digits: typeset(fixed(value, digits)),
+        signed=lambda value, digits: typeset(signed(value, digits)),
+        figures=lambda value, count=3: typeset(figures(value, count)),
+        plain=lambda value: typeset(plain(value)),
+        decimals_for=decimals_for,
+    )
+    return environment.get_template("report.html.jinja")
+
+
+def _command(solution: Solution, recording: Recording | None) -> str:
+    """The command that makes this report again."""
+    file = "RECORDING.mcap" if recording is None else shlex.quote(str(recording.path))
+    return (
+        f"loopcal solve {file} -n {len(solution.selection.poses)} "
+        f"--method {solution.method.name} --report REPORT.html"
+    )
