@@ -14,7 +14,7 @@ from sim_devices.can_bus import CanBus, CanNode
 from sim_devices.canopen import Encoder, JointDrive
 from sim_devices.errors import DeviceNotSimulated
 from sim_devices.line import SerialDevice, SerialLine
-from sim_devices.modbus import RtuServer
+from sim_devices.modbus import MOST_READ, RtuServer
 from sim_devices.modbus_adc import SETTINGS_START, AdcLayout, AdcRegisters
 from sim_devices.plant_seam import Plant
 
@@ -49,19 +49,24 @@ def canopen_joint(rig: Rig, device: Device, plant: Plant) -> JointDrive:
 
 
 def modbus_adc(rig: Rig, device: Device, plant: Plant) -> RtuServer:
-    """A Modbus RTU converter. Options: ``unit_id`` 1..247, ``channels``, ``first_register``
-    (default 1), ``counter_register`` (default 0).
+    """A Modbus RTU converter.
+
+    Options: ``unit_id`` 1..247, ``channels``, ``first_register``, ``counter_register`` (none
+    where absent).
     """
+    counter: int | None = None
+    if "counter_register" in device.options:
+        counter = _option(device, "counter_register", 0, SETTINGS_START - 1)
     layout = AdcLayout(
-        channels=_option(device, "channels", 1, SETTINGS_START),
-        first_register=_option(device, "first_register", 0, SETTINGS_START, default=1),
-        counter_register=_option(device, "counter_register", 0, SETTINGS_START - 1, default=0),
+        channels=_option(device, "channels", 1, MOST_READ),
+        first_register=_option(device, "first_register", 0, SETTINGS_START - 1),
+        counter_register=counter,
     )
     if not layout.fits:
         raise DeviceNotSimulated(
             f"the registers of '{device.name}' collide: counter at {layout.counter_register}, "
             f"{layout.channels} counts from {layout.first_register}, device time in the two after "
-            f"them; they must differ and lie below {SETTINGS_START}"
+            f"them; they must differ and lie below 0x{SETTINGS_START:04X}"
         )
     signals: dict[int, str] = {}
     for channel in _channels(rig, device):
@@ -118,8 +123,8 @@ def _channels(rig: Rig, device: Device) -> list[Channel]:
     return [channel for channel in rig.channels if channel.device == device.name]
 
 
-def _option(device: Device, key: str, low: int, high: int, default: int | None = None) -> int:
-    value = device.options.get(key, default)
+def _option(device: Device, key: str, low: int, high: int) -> int:
+    value = device.options.get(key)
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
         found = "missing" if value is None else repr(value)
         raise DeviceNotSimulated(

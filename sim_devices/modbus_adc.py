@@ -3,15 +3,15 @@
 Input registers (function 4), and the same values as holding registers (function 3); the
 addresses come from the device's options in the rig:
 
-    counter_register             sample counter, uint16 (default 0)
+    counter_register             sample counter, uint16; none where the option is absent
     first_register + k           raw count of signal k = 0 .. channels - 1, uint16, or int16 in
-                                 two's complement where a channel goes below 0 (default 1)
+                                 two's complement where a channel goes below 0
     first_register + channels    device time since power on [100 us], uint32, high word first
 
 Holding registers (functions 3, 6, 16):
 
-    256    averaging: conversions averaged into one sample, 1..64 (1 at power on)
-    257    tag: a number of the user's, any value (0 at power on)
+    0xF000    averaging: conversions averaged into one sample, 1..64 (1 at power on)
+    0xF001    tag: a number of the user's, any value (0 at power on)
 
 Every read that touches the first group takes one sample of all signals at once and adds one to
 the counter, so registers of one read belong together, and a counter that grows by more than
@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from sim_devices.modbus import ExceptionCode, RequestRefused
 from sim_devices.plant_seam import Plant
 
-SETTINGS_START = 256
+SETTINGS_START = 0xF000
 AVERAGING_REGISTER = SETTINGS_START
 TAG_REGISTER = SETTINGS_START + 1
 MOST_AVERAGED = 64
@@ -43,12 +43,12 @@ class AdcLayout:
     Attributes:
         channels: number of signals.
         first_register: address of signal 0.
-        counter_register: address of the sample counter.
+        counter_register: address of the sample counter, or None where there is none.
     """
 
     channels: int
-    first_register: int = 1
-    counter_register: int = 0
+    first_register: int
+    counter_register: int | None = None
 
     @property
     def time_register(self) -> int:
@@ -59,7 +59,9 @@ class AdcLayout:
     def fits(self) -> bool:
         """Whether all registers differ and lie below the settings."""
         measured = range(self.first_register, self.time_register + 2)
-        return measured.stop <= SETTINGS_START and self.counter_register not in measured
+        counter = self.counter_register
+        below = max(measured.stop, 0 if counter is None else counter + 1) <= SETTINGS_START
+        return below and counter not in measured
 
 
 class AdcRegisters:
@@ -72,7 +74,9 @@ class AdcRegisters:
         self._samples = 0
         self._settings = {AVERAGING_REGISTER: 1, TAG_REGISTER: 0}
         first = layout.first_register
-        self._measured = {layout.counter_register, *range(first, first + layout.channels + 2)}
+        self._measured = set(range(first, first + layout.channels + 2))
+        if layout.counter_register is not None:
+            self._measured.add(layout.counter_register)
 
     def read_input(self, address: int, count: int, time_s: float) -> Sequence[int]:
         """Take a sample; raises RequestRefused outside the first group."""
@@ -107,10 +111,11 @@ class AdcRegisters:
         self._samples += 1
         ticks = int(time_s * TICKS_PER_S)
         sample = {
-            layout.counter_register: self._samples & 0xFFFF,
             layout.time_register: ticks >> 16 & 0xFFFF,
             layout.time_register + 1: ticks & 0xFFFF,
         }
+        if layout.counter_register is not None:
+            sample[layout.counter_register] = self._samples & 0xFFFF
         for signal in range(layout.channels):
             sample[layout.first_register + signal] = self._convert(signal) & 0xFFFF
         return sample

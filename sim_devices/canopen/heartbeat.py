@@ -39,7 +39,7 @@ class HeartbeatConsumer:
     """The watch over the node named in 0x1016.
 
     Attributes:
-        expired: whether the beat stopped and has not come back.
+        expired: whether the beat stopped, has not come back, and the watch was not set up anew.
     """
 
     def __init__(self, dictionary: ObjectDictionary) -> None:
@@ -49,13 +49,11 @@ class HeartbeatConsumer:
         dictionary.add(0x1016, 0, U8, read=1)
         dictionary.add(0x1016, 1, U32, read=lambda: self._word, write=self._set_word)
 
-    def hear(self, node_id: int, time_s: float) -> bool:
-        """A beat of some node has come; whether it ends an expiry."""
-        if node_id != self._node_id or not self._time_ms:
-            return False
-        self._heard_s = time_s
-        back, self.expired = self.expired, False
-        return back
+    def hear(self, node_id: int, time_s: float) -> None:
+        """A beat of some node has come."""
+        if node_id == self._node_id and self._time_ms:
+            self._heard_s = time_s
+            self.expired = False
 
     def expires(self, time_s: float) -> bool:
         """Whether the watched beat has just been missing for its whole time."""

@@ -22,7 +22,8 @@ Frames in, frames out, told the time; knows no port and no clock. What every nod
     0x1400 .. 0x1BFF  PDO parameters (see `pdo`)
 
 When the beat of the node watched by 0x1016 stops, the node sends EMCY 0x8130 and leaves the
-operational state; when it comes back, EMCY 0x0000. The master starts the node again.
+operational state; when it comes back, or 0x1016 is written anew, EMCY 0x0000. The master
+starts the node again.
 """
 
 from __future__ import annotations
@@ -115,6 +116,9 @@ class Node:
             self._on_master_lost()
             if self.state is NmtState.OPERATIONAL:
                 self._enter(NmtState.PRE_OPERATIONAL)
+        elif not self._consumer.expired:
+            # The beat is back, or the master has set up its watch anew.
+            self.end_emergency(emergency.HEARTBEAT_LOST)
         self._on_tick()
         if self._producer.due(time_s):
             self._send(HEARTBEAT, bytes([self.state]))
@@ -254,8 +258,8 @@ class Node:
             self._send_emergency(self._emergencies.note(emergency.PDO_VALUE_REFUSED))
 
     def _hear_heartbeat(self, frame: Frame) -> None:
-        if len(frame.data) == 1 and self._consumer.hear(frame.identifier & 0x7F, self.time_s):
-            self.end_emergency(emergency.HEARTBEAT_LOST)
+        if len(frame.data) == 1:
+            self._consumer.hear(frame.identifier & 0x7F, self.time_s)
 
     def _transmit_now(self, pdo: Pdo) -> None:
         self._before_transmit(pdo)

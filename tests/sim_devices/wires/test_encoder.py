@@ -189,11 +189,20 @@ def test_loss_of_the_watched_heartbeat(running_encoder: Encoder) -> None:
     assert running_encoder.tick(6.0) == []
     assert sdo(running_encoder, "40 01 10 00 00 00 00 00") == "4f 01 10 00 11 00 00 00"
     assert sdo(running_encoder, "40 03 10 01 00 00 00 00") == "43 03 10 01 30 81 00 00"
-    back = running_encoder.receive(frame(0x77F, "05"), 7.0)
-    assert back == [frame(0x081, "00 00 00 00 00 00 00 00")]
+    running_encoder.receive(frame(0x77F, "05"), 7.0)
+    assert running_encoder.tick(7.005) == [frame(0x081, "00 00 00 00 00 00 00 00")]
     assert sdo(running_encoder, "40 03 10 00 00 00 00 00") == "4f 03 10 00 01 00 00 00"
     assert sdo(running_encoder, "2f 03 10 00 00 00 00 00").startswith("60")
     assert sdo(running_encoder, "40 03 10 00 00 00 00 00") == "4f 03 10 00 00 00 00 00"
+
+
+def test_watch_set_up_anew_forgets_the_loss(encoder: Encoder) -> None:
+    sdo(encoder, "23 16 10 01 64 00 7f 00")
+    encoder.receive(frame(0x77F, "05"), 5.0)
+    assert encoder.tick(6.0) == [frame(0x081, "30 81 11 00 00 00 00 00")]
+    sdo(encoder, "23 16 10 01 64 00 7f 00", 7.0)
+    assert encoder.tick(7.005) == [frame(0x081, "00 00 00 00 00 00 00 00")]
+    assert sdo(encoder, "40 01 10 00 00 00 00 00") == "4f 01 10 00 00 00 00 00"
 
 
 def test_frames_that_are_not_for_it(running_encoder: Encoder) -> None:

@@ -11,7 +11,7 @@ from sim_devices.modbus_adc import AdcLayout, AdcRegisters
 @pytest.fixture
 def registers(plant) -> AdcRegisters:
     plant.counts = {"q6": 2048, "q7": -2}
-    return AdcRegisters(AdcLayout(channels=3), {0: "q6", 1: "q7"}, plant)
+    return AdcRegisters(AdcLayout(3, 1, 0), {0: "q6", 1: "q7"}, plant)
 
 
 def test_one_read_gives_all(registers: AdcRegisters) -> None:
@@ -28,7 +28,9 @@ def test_counter_wraps(registers: AdcRegisters) -> None:
     assert registers.read_input(0, 1, 0.0) == [0]
 
 
-@pytest.mark.parametrize(("address", "count"), [(0, 7), (6, 1), (255, 2), (256, 1), (1000, 1)])
+@pytest.mark.parametrize(
+    ("address", "count"), [(0, 7), (6, 1), (0xEFFF, 2), (0xF000, 1), (1000, 1)]
+)
 def test_input_registers_end(registers: AdcRegisters, address: int, count: int) -> None:
     with pytest.raises(RequestRefused) as caught:
         registers.read_input(address, count, 0.0)
@@ -38,13 +40,13 @@ def test_input_registers_end(registers: AdcRegisters, address: int, count: int) 
 def test_refused_read_takes_no_sample(registers: AdcRegisters) -> None:
     with pytest.raises(RequestRefused):
         registers.read_input(0, 50, 0.0)
-    registers.read_holding(256, 2, 0.0)
+    registers.read_holding(0xF000, 2, 0.0)
     assert registers.read_input(0, 1, 0.0) == [1]
 
 
 def test_settings(registers: AdcRegisters, plant, monkeypatch: pytest.MonkeyPatch) -> None:
-    registers.write_holding(256, [4, 99])
-    assert registers.read_holding(256, 2, 0.0) == [4, 99]
+    registers.write_holding(0xF000, [4, 99])
+    assert registers.read_holding(0xF000, 2, 0.0) == [4, 99]
     noisy = iter([10, 12, 13, 13])
     monkeypatch.setattr(plant, "sense", lambda channel: next(noisy) if channel == "q6" else 0)
     assert registers.read_input(1, 1, 0.0) == [12]
@@ -53,29 +55,37 @@ def test_settings(registers: AdcRegisters, plant, monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize(
     ("address", "values", "code"),
     [
-        (256, [0, 5], ExceptionCode.ILLEGAL_DATA_VALUE),
-        (256, [65], ExceptionCode.ILLEGAL_DATA_VALUE),
+        (0xF000, [0, 5], ExceptionCode.ILLEGAL_DATA_VALUE),
+        (0xF000, [65], ExceptionCode.ILLEGAL_DATA_VALUE),
         (1, [5], ExceptionCode.ILLEGAL_DATA_ADDRESS),
-        (257, [5, 5], ExceptionCode.ILLEGAL_DATA_ADDRESS),
+        (0xF001, [5, 5], ExceptionCode.ILLEGAL_DATA_ADDRESS),
     ],
 )
 def test_refused_write_changes_nothing(registers, address, values, code) -> None:
     with pytest.raises(RequestRefused) as caught:
         registers.write_holding(address, values)
     assert caught.value.code is code
-    assert registers.read_holding(256, 2, 0.0) == [1, 0]
+    assert registers.read_holding(0xF000, 2, 0.0) == [1, 0]
 
 
 @pytest.mark.parametrize(
     ("layout", "fits"),
     [
-        (AdcLayout(2), True),
-        (AdcLayout(2, first_register=0, counter_register=4), True),
-        (AdcLayout(2, first_register=0, counter_register=3), False),
-        (AdcLayout(2, first_register=10, counter_register=9), True),
-        (AdcLayout(2, first_register=252), True),
-        (AdcLayout(2, first_register=253), False),
+        (AdcLayout(2, 1, 0), True),
+        (AdcLayout(2, 0), True),
+        (AdcLayout(2, 0, 4), True),
+        (AdcLayout(2, 0, 3), False),
+        (AdcLayout(2, 10, 9), True),
+        (AdcLayout(2, 0xEFFC), True),
+        (AdcLayout(2, 0xEFFD), False),
+        (AdcLayout(2, 0, 0xF000), False),
     ],
 )
 def test_layout_collides_or_not(layout: AdcLayout, fits: bool) -> None:
     assert layout.fits == fits
+
+
+def test_converter_without_a_counter(plant) -> None:
+    plant.counts = {"q6": 5}
+    registers = AdcRegisters(AdcLayout(1, 0), {0: "q6"}, plant)
+    assert registers.read_input(0, 3, 1.0) == [5, 0, 10_000]

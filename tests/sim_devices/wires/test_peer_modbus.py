@@ -46,9 +46,9 @@ def test_pymodbus_reads_and_writes(client: ModbusSerialClient) -> None:
     again = client.read_holding_registers(0, count=7, device_id=1).registers
     assert again[:5] == [2, 2048, 0, 4095, 0xFFFF]
     assert again[5] << 16 | again[6] >= first[5] << 16 | first[6]
-    assert not client.write_register(257, 4711, device_id=1).isError()
-    assert not client.write_registers(256, [8, 4712], device_id=1).isError()
-    assert client.read_holding_registers(256, count=2, device_id=1).registers == [8, 4712]
+    assert not client.write_register(0xF001, 4711, device_id=1).isError()
+    assert not client.write_registers(0xF000, [8, 4712], device_id=1).isError()
+    assert client.read_holding_registers(0xF000, count=2, device_id=1).registers == [8, 4712]
 
 
 @pytest.mark.parametrize(("address_", "count", "code"), [(7, 1, 2), (0, 8, 2)])
@@ -62,7 +62,7 @@ def test_pymodbus_sees_exceptions(
 
 def test_pymodbus_sees_illegal_function_and_value(client: ModbusSerialClient) -> None:
     assert client.read_coils(0, count=1, device_id=1).exception_code == 1
-    assert client.write_register(256, 0, device_id=1).exception_code == 3
+    assert client.write_register(0xF000, 0, device_id=1).exception_code == 3
 
 
 def test_pymodbus_reads_the_identification(client: ModbusSerialClient) -> None:
@@ -80,9 +80,9 @@ def test_minimalmodbus_reads_and_writes(instrument: minimalmodbus.Instrument) ->
     assert instrument.read_register(4, functioncode=3, signed=True) == -1
     first = instrument.read_long(5, functioncode=4)
     assert instrument.read_long(5, functioncode=4) >= first
-    instrument.write_register(257, 77, functioncode=6)
-    instrument.write_registers(256, [2, 78])
-    assert instrument.read_registers(256, 2) == [2, 78]
+    instrument.write_register(0xF001, 77, functioncode=6)
+    instrument.write_registers(0xF000, [2, 78])
+    assert instrument.read_registers(0xF000, 2) == [2, 78]
 
 
 def test_minimalmodbus_sees_exceptions(instrument: minimalmodbus.Instrument) -> None:
@@ -91,7 +91,7 @@ def test_minimalmodbus_sees_exceptions(instrument: minimalmodbus.Instrument) -> 
     with pytest.raises(minimalmodbus.IllegalRequestError):
         instrument.read_register(300)
     with pytest.raises(minimalmodbus.IllegalRequestError):
-        instrument.write_register(256, 65, functioncode=6)
+        instrument.write_register(0xF000, 65, functioncode=6)
 
 
 def test_another_unit_is_silent(address: str) -> None:
