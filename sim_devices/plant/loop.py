@@ -28,9 +28,17 @@ _NEAR = 1e-5
 """The same at the knots of a path, which are polished later."""
 _REGULAR = 1e-13
 """Share of its trace added to a normal matrix, so that redundant closure rows do no harm."""
+_PIECE = np.deg2rad(8.0)
+"""Longest step of the held joints along a path [rad, m]."""
 _REACH = 0.35
 """Longest correction that a step may need before it is halved [rad, m]."""
-_SMALLEST_STEP = 1.0 / 256
+_LEVER = 30.0
+"""Where others would move more than this many times as far as the held joints, near a singular
+configuration, friction jams the mechanism [rad, m a rad, m]."""
+_SLACK = 1e-3
+"""A correction of this size is always taken: the geometry itself may move [rad, m]."""
+_SMALLEST = 1.0 / 256
+"""Share of the longest step below which the mechanism is taken to block."""
 _INDEPENDENT = 1e-4
 """A joint leads while its motion, others held, is at least this share of the freedoms left."""
 _STARTS = 300
@@ -126,9 +134,9 @@ class Loop:
             out[np.ix_(active, ~held)] += motion
         return out, left
 
-    def step(
+    def follow(
         self, variables: Array, held: Sequence[int], target: Array, time_s: float
-    ) -> tuple[Array, float]:
+    ) -> tuple[Array, Array]:
         """Move the held joints straight to ``target``, the others as the loop demands.
 
         Args:
@@ -138,40 +146,49 @@ class Loop:
             time_s: when.
 
         Returns:
-            (J,) configuration reached; share of the way gone, below 1 where the mechanism blocks.
+            (k, J) configurations passed, the start first; (k,) shares of the way at which they
+            lie, the last below 1 where the mechanism blocks.
         """
         is_held = np.zeros(len(variables), dtype=bool)
         is_held[list(held)] = True
         start = variables[list(held)]
-        here, done, size = variables, 0.0, 1.0
-        while done < 1.0:
-            size = min(size, 1.0 - done)
-            trial = here.copy()
-            trial[list(held)] = start + (done + size) * (target - start)
-            solved = self._corrected(trial, is_held, time_s)
-            if solved is None or not self.within_limits(solved):
+        way = float(np.linalg.norm(target - start))
+        longest = 1.0 / max(1.0, np.ceil(way / _PIECE))
+        passed, shares, size = [variables], [0.0], longest
+        while shares[-1] < 1.0:
+            share = min(1.0, shares[-1] + size)
+            trial = passed[-1].copy()
+            trial[list(held)] = start + share * (target - start)
+            reach = min(_REACH, 2 * _LEVER * way * (share - shares[-1]) + _SLACK)
+            solved = self._corrected(trial, is_held, time_s, reach)
+            if solved is not None and self.within_limits(solved):
+                passed.append(solved)
+                shares.append(share)
+                size = min(2 * size, longest)
+            elif size > _SMALLEST * longest:
                 size /= 2
-                if size < _SMALLEST_STEP:
-                    break
-                continue
-            here, done = solved, done + size
-        return here, done
+            else:
+                break
+        return np.array(passed), np.array(shares)
 
-    def _corrected(self, trial: Array, held: NDArray[np.bool_], time_s: float) -> Array | None:
-        """``trial`` (J,) brought to closure, or None when corrections do not contract."""
+    def _corrected(
+        self, trial: Array, held: NDArray[np.bool_], time_s: float, reach: float
+    ) -> Array | None:
+        """``trial`` (J,) brought to closure; None when that is too far, does not contract, or jams."""
         now = np.array([time_s])
         here = trial[None].copy()
-        previous = np.inf
+        allowed = reach
         for _ in range(8):
             error, rate = self.closure(here, now)
             if np.abs(error).max(initial=0.0) < _NEAR:
-                return np.asarray(here[0])
+                jams = held.any() and _lever(rate[0], held) > _LEVER
+                return None if jams else np.asarray(here[0])
             motion = _least_motion(error, rate[:, :, ~held])
             size = float(np.linalg.norm(motion))
-            if size > min(_REACH, 0.5 * previous):
+            if size > allowed:
                 return None
             here[:, ~held] += motion
-            previous = size
+            allowed = 0.5 * size
         return None
 
     def assemble(self, rng: np.random.Generator) -> Array:
@@ -232,3 +249,11 @@ def _least_motion(error: Array, rate: Array, damping: Array | float = 0.0) -> Ar
     normal += ((_REGULAR * trace + 1e-300 + damping)[:, None, None]) * np.eye(rows)
     weights = np.linalg.solve(normal, error[:, :, None])
     return np.asarray(-(rate.transpose(0, 2, 1) @ weights)[:, :, 0])
+
+
+def _lever(rate: Array, held: NDArray[np.bool_]) -> float:
+    """How far the free joints move for a unit motion of the held ones; ``rate`` is (m, J)."""
+    rows, free = len(rate), rate[:, ~held]
+    normal = free @ free.T
+    normal += (_REGULAR * np.trace(normal) + 1e-300) * np.eye(rows)
+    return float(np.linalg.norm(free.T @ np.linalg.solve(normal, rate[:, held])))

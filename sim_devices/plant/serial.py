@@ -12,6 +12,7 @@ reach, where the mechanism blocks. A target beyond its joint's own limits is ref
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 
@@ -116,7 +117,7 @@ class SerialPlant:
         if mode == "position":
             self._aim(joint, drive, target_raw)
             return
-        if mode not in PlantMode.__args__:  # type: ignore[attr-defined]
+        if mode not in get_args(PlantMode):
             raise CannotSimulate(f"the drive of '{joint}' was set to the unknown mode '{mode}'")
         if mode == "off":
             drive.fault = 0
@@ -168,9 +169,9 @@ class SerialPlant:
         joints = [drive.joint for drive in self._leaders]
         target = np.array([wanted[joint] for joint in joints])
         if not self._loop.is_steady or not np.array_equal(self._here[joints], target):
-            reached, _ = self._loop.step(self._here, joints, target, self._time_s)
-            held = np.isin(np.arange(len(reached)), joints)
-            closed, _ = self._loop.polish(reached[None], held, now[None])
+            passed, _ = self._loop.follow(self._here, joints, target, self._time_s)
+            held = np.isin(np.arange(len(self._here)), joints)
+            closed, _ = self._loop.polish(passed[-1:], held, now[None])
             self._here = closed[0]
         for drive in list(self._engaged):
             if abs(wanted[drive.joint] - self._here[drive.joint]) > drive.window:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +23,6 @@ from sim_devices.plant.quaternion import Array
 from sim_devices.plant.seeds import ASSEMBLY, stream
 from sim_devices.plant.stop import FOLLOWING_ERROR, LEAD_S, REFERENCE_LIMIT, Stop
 
-_KNOT = np.deg2rad(8.0)
-"""Greatest motion of a drive between two knots [rad or m]."""
 _ASTRAY = 0.1
 """A sample may be this far from the line between its knots [rad or m]."""
 _FOLLOWED = 1e-3
@@ -91,22 +88,10 @@ class Tour:
 
 
 def drive_joints(nature: Nature, plan: Plan) -> list[tuple[int, Channel]]:
-    """Joint numbers of the plan's drives, with the channels that their servos follow.
-
-    Raises:
-        CannotSimulate: a drive is no joint, or no channel senses it.
-    """
+    """Joint numbers of the plan's drives, with the channels that their servos follow."""
     joints = nature.rig.mechanism.places
-    out = []
-    for name in plan.drives:
-        channel = nature.rig.sensed_by(name) if name in joints else None
-        if channel is None:
-            sensed = ", ".join(c.senses for c in nature.rig.channels)
-            raise CannotSimulate(
-                f"the plan drives '{name}', which is no joint with a sensor; expected some of: {sensed}"
-            )
-        out.append((joints.index(name), channel))
-    return out
+    channels = {channel.senses: channel for channel in nature.rig.channels}
+    return [(joints.index(name), channels[name]) for name in plan.drives]
 
 
 def counts_for(channel: Channel, nominal: Mapping[str, float], reading: float) -> int:
@@ -128,7 +113,7 @@ def drive_tour(nature: Nature, loop: Loop, visits: Sequence[Visit], plan: Plan) 
         plan: speed and dwells.
 
     Raises:
-        CannotSimulate: a drive is no sensed joint, or the mechanism has fewer freedoms than drives.
+        CannotSimulate: the mechanism has fewer freedoms than the plan drives.
         MechanismDoesNotClose: there is no configuration to start from.
     """
     drives = drive_joints(nature, plan)
@@ -156,21 +141,17 @@ def drive_tour(nature: Nature, loop: Loop, visits: Sequence[Visit], plan: Plan) 
         }
         start = here[held]
         longest = 0.0 if faults else float(np.abs(target - start).max())
-        profile = Profile(now, 0.0, 1.0)
-        shares = [0.0]
+        profile, shares = Profile(now, 0.0, 1.0), np.zeros(1)
         first = len(knots) - 1
         if longest > 0.0:
             profile = move(now, 0.0, 1.0, plan.move / longest)
-            pieces = np.linspace(0.0, 1.0, 1 + int(np.ceil(longest / _KNOT)))
-            for before, share in pairwise(pieces):
-                here, gone = loop.step(here, held, start + share * (target - start), profile.end_s)
-                shares.append(before + gone * (share - before))
-                knots.append(here)
-                if gone < 1.0:
-                    lag = np.abs(target - here[held]) > _FOLLOWED
-                    faults = {plan.drives[k]: FOLLOWING_ERROR for k in np.flatnonzero(lag)}
-                    break
-        legs.append(Leg(profile, first, np.array(shares)))
+            passed, shares = loop.follow(here, held, target, profile.end_s)
+            knots += list(passed[1:])
+            here = passed[-1]
+            if shares[-1] < 1.0:
+                lag = np.abs(target - here[held]) > _FOLLOWED
+                faults = {plan.drives[k]: FOLLOWING_ERROR for k in np.flatnonzero(lag)}
+        legs.append(Leg(profile, first, shares))
         arrive = profile.end_s
         stop = Stop(
             visit.pose,
