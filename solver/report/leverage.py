@@ -41,4 +41,5 @@ def expected_residuals(
     else:
         motions = np.tile(np.eye(free), (len(coordinates), 1, 1))
     along, _ = np.linalg.qr((weighted * scale[:, None, :]) @ motions)
-    return np.sqrt(np.maximum(1.0 - np.sum(along**2, axis=2), 0.0))
+    left: Array = np.sqrt(np.maximum(1.0 - np.sum(along**2, axis=2), 0.0))
+    return left

@@ -36,16 +36,12 @@ def unit_for(dimension: str) -> Unit:
 
 
 def fine_unit(dimension: str, size_si: float) -> Unit:
-    """The unit of length or angle in which ``size_si`` is a number near 1 to 1000."""
+    """The unit of length or angle in which ``size_si`` is easy to read."""
     ladder = {
-        "length": (Unit("mm", 1e-3), Unit("µm", 1e-6), Unit("nm", 1e-9)),
-        "angle": (
-            Unit("deg", math.pi / 180.0),
-            Unit("mdeg", math.pi / 180e3),
-            Unit("µdeg", math.pi / 180e6),
-        ),
+        "length": (Unit("mm", 1e-3), Unit("µm", 1e-6)),
+        "angle": (Unit("deg", math.pi / 180.0), Unit("mdeg", math.pi / 180e3)),
     }[dimension]
-    return next((unit for unit in ladder if abs(size_si) >= 0.5 * unit.to_si), ladder[-1])
+    return next((unit for unit in ladder if abs(size_si) >= 0.1 * unit.to_si), ladder[-1])
 
 
 def decimals_for(standard_error: float) -> int:

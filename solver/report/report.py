@@ -17,10 +17,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from recordings.reader import Recording
 from recordings.session import SOFTWARE, to_metadata
 from solver.errors import SolverError
-from solver.estimate import hinge, likelihood, multi_loop
-from solver.poses.observability import observability
 from solver.report.channels import channel_summaries
 from solver.report.comparison import compare
+from solver.report.judged import judged
 from solver.report.leverage import expected_residuals
 from solver.report.notation import decimals_for, figures, fixed, plain, signed, typeset, unit_of
 from solver.report.pictures.changes import changes
@@ -30,12 +29,6 @@ from solver.report.pictures.selected import selected
 from solver.report.pictures.singular_values import singular_values
 from solver.report.verdict import ACCEPTABLE_CONDITION, certificate, verdict
 from solver.solve import Solution
-
-_RESIDUAL_UNITS = {
-    likelihood.NAME: "standard deviations of the readings",
-    hinge.NAME: "m and rad of closure error",
-    multi_loop.NAME: "m² of closure error",
-}
 
 
 class ReportError(SolverError):
@@ -91,9 +84,7 @@ def render(
     expected = expected_residuals(
         solution.model, solution.table, solution.after.coordinates, estimate.parameters
     )
-    methods = (estimate, *solution.beside)
-    raw = (solution.raw, *(observability(o.jacobian, scaled=False) for o in solution.beside))
-    scaled = (solution.scaled, *(observability(o.jacobian, scaled=True) for o in solution.beside))
+    jacobians = judged(solution)
     before, after = solution.closure_before, solution.closure_after
     identified = set(space.names)
     return _template().render(
@@ -110,10 +101,7 @@ def render(
         ],
         certificate=certificate(solution),
         acceptable=ACCEPTABLE_CONDITION,
-        observability=[
-            (method.method, _RESIDUAL_UNITS.get(method.method, "the method's residual"), r, s)
-            for method, r, s in zip(methods, raw, scaled, strict=True)
-        ],
+        jacobians=jacobians,
         channels=channel_summaries(solution, expected),
         changes=changes(rows, estimate.method, [other.method for other in solution.beside]),
         residuals=residuals(solution, expected),
@@ -121,9 +109,7 @@ def render(
         if before is None or after is None
         else closures(before, after, solution.selection.poses),
         selected=selected(solution),
-        singular_values=singular_values(
-            [method.method for method in methods], raw, scaled, ACCEPTABLE_CONDITION
-        ),
+        singular_values=singular_values(jacobians, ACCEPTABLE_CONDITION),
         recording=recording,
         session={} if recording is None else to_metadata(recording.session),
         software=SOFTWARE,

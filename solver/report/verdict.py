@@ -96,8 +96,7 @@ def equations_per_pose(solution: Solution) -> int:
 
 def scatter(solution: Solution) -> float:
     """Standard deviation of chi-square per degree of freedom where the model is right."""
-    used = len(solution.selection.poses) - solution.estimate.left_out
-    free = used * equations_per_pose(solution) - solution.identifiability.rank
+    free = solution.estimate.freedoms
     return math.sqrt(2.0 / free) if free > 0 else math.inf
 
 
@@ -142,7 +141,7 @@ def _judge(solution: Solution) -> Literal["noise", "above", "below", "unknown"]:
     misfit, margin = solution.estimate.misfit, _SCATTERS * scatter(solution)
     if not (math.isfinite(misfit) and math.isfinite(margin)):
         return "unknown"
-    if misfit > 1.0 + margin:
+    if solution.estimate.inflation > 1.0:
         return "above"
     return "below" if misfit < 1.0 - margin else "noise"
 
@@ -209,8 +208,9 @@ def _unseen(solution: Solution) -> tuple[Fact, ...]:
         return ()
     free = count * equations
     misfit = float(np.sum(solution.after.residual[unseen] ** 2)) / free
-    # The fit adapts to the poses it has seen, so that unseen ones may do somewhat worse.
-    limit = (max(solution.estimate.misfit, 1.0) + _SCATTERS * math.sqrt(2.0 / free)) * 1.5
+    # The fit adapts to the poses it has seen, so that unseen ones do worse by the parameters' share.
+    share = solution.identifiability.rank / max(solution.estimate.freedoms, 1)
+    limit = max(solution.estimate.misfit, 1.0) * (1 + share + _SCATTERS * math.sqrt(2.0 / free))
     return (
         Fact(
             "Unseen poses",
@@ -269,7 +269,8 @@ def _worst_combination(solution: Solution) -> list[str]:
     moves = []
     for j in members:
         unit = unit_of(space.table[space.identified[j]])
-        move = float(np.sqrt(values[-1]) * direction[j] * plausible[j] / unit.to_si)
+        size = estimate.inflation * np.sqrt(values[-1])
+        move = float(size * direction[j] * plausible[j] / unit.to_si)
         moves.append(
             f"{space.names[j]} {signed(move, min(decimals_for(abs(move)), 6))} {unit.name}"
         )
@@ -291,10 +292,13 @@ def _agreement(method: str, status: Status, pairs: Sequence[tuple[Compared, Valu
 
 
 def _limits(solution: Solution) -> list[str]:
-    misfit = solution.estimate.misfit
-    errors = "Standard errors count sensor noise only."
-    if _judge(solution) == "above":
-        errors += f" Here they are too small, by a factor of {figures(math.sqrt(misfit), 2)} at the least: something beyond noise is at work."
+    inflation = solution.estimate.inflation
+    errors = "Standard errors count sensor noise only: they say how far the estimate scatters, not how far the model is off."
+    if inflation > 1.0:
+        errors = (
+            "What the model lacks. Standard errors are "
+            f"{figures(inflation, 2)} times those of sensor noise to allow for it, but an error of the model can move a parameter by more."
+        )
     out = [
         errors,
         "Numbers of the rig that are not identified are taken as stated; if one is wrong, the error sits in the estimates.",

@@ -12,9 +12,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
+from typing import Any
 
 import matplotlib as mpl
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 INK = "#010101"
@@ -41,7 +41,7 @@ _VARIABLES = {
 
 WIDTH = 9.0  # inches; 72 SVG points each
 
-_LOOK = {
+_LOOK: dict[Any, Any] = {  # matplotlib types its keys one by one
     "svg.fonttype": "none",
     "svg.hashsalt": "loopcal",
     "font.family": "DejaVu Sans",
@@ -110,7 +110,7 @@ def picture(figure: Figure, *, name: str, alternative: str, caption: str) -> Pic
     """``figure`` as a `Picture`; ``alternative`` tells those who cannot see it what it shows."""
     buffer = io.StringIO()
     with mpl.rc_context(_LOOK):
-        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
     return Picture(name, _inline(buffer.getvalue(), name, alternative), caption)
 
 

@@ -66,7 +66,8 @@ def closures(before: ClosureErrors, after: ClosureErrors, poses: NDArray[np.intp
 
 
 def _length(errors: Array) -> Array:
-    return np.linalg.norm(errors, axis=1)
+    length: Array = np.linalg.norm(errors, axis=1)
+    return length
 
 
 def _panel(

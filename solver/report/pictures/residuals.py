@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
@@ -45,7 +47,7 @@ def residuals(solution: Solution, expected: Array) -> Picture:
     with canvas(0.55 + 0.92 * channels) as figure:
         grid = figure.subplots(channels, 2, squeeze=False, sharex=True)
         for c, name in enumerate(table.channels):
-            step = float(np.median(table.sigma[:, c])) * gains[c]  # SI of one standard error
+            step = float(np.median(table.sigma[:, c])) * abs(gains[c])  # SI of one standard error
             raw = before[:, c] * table.sigma[:, c] * gains[c]
             coarse = fine_unit(dimensions[c], _rms(raw))
             fine = fine_unit(dimensions[c], step)
@@ -130,10 +132,14 @@ def _note(axes: Axes, rms_si: float, unit: Unit, rms_errors: float) -> None:
 
 def _second_scale(axes: Axes, factor: float, unit: Unit) -> None:
     """The same scale in the channel's unit, at the right."""
-    size = abs(factor)
-    second = axes.secondary_yaxis(
-        "right", functions=(lambda errors: errors * size, lambda value: value / size)
-    )
+
+    def in_unit(errors: Any) -> Any:
+        return errors * factor
+
+    def in_errors(value: Any) -> Any:
+        return value / factor
+
+    second = axes.secondary_yaxis("right", functions=(in_unit, in_errors))
     second.yaxis.set_major_locator(MaxNLocator(3))
     second.set_ylabel(unit.name)
     second.tick_params(length=2.5)

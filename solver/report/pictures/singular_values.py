@@ -6,31 +6,25 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from solver.poses.observability import Observability
+from solver.report.judged import Judged
 from solver.report.notation import figures
 from solver.report.pictures.canvas import AFTER, BESIDE, INK, PAPER, Picture, canvas, picture
 
 _MARKERS = ("o", "D", "s", "^", "v")
 
 
-def singular_values(
-    methods: Sequence[str],
-    raw: Sequence[Observability],
-    scaled: Sequence[Observability],
-    acceptable: float,
-) -> Picture:
-    """Singular values of each method's Jacobian, the chosen method first.
+def singular_values(jacobians: Sequence[Judged], acceptable: float) -> Picture:
+    """Singular values of each of ``jacobians``, the one that judges the poses first.
 
     Args:
-        methods: their names.
-        raw: of the Jacobians with SI columns.
-        scaled: of the Jacobians with unit columns.
+        jacobians: their observability.
         acceptable: the largest scaled condition number that counts as acceptable.
     """
+    raw, scaled = [one.raw for one in jacobians], [one.scaled for one in jacobians]
     with canvas(2.7) as figure:
         left, right = figure.subplots(1, 2)
         for axes, of in ((left, raw), (right, scaled)):
-            for k, (method, one) in enumerate(zip(methods, of, strict=True)):
+            for k, (jacobian, one) in enumerate(zip(jacobians, of, strict=True)):
                 values = np.where(one.singular_values > 0, one.singular_values, np.nan)
                 axes.semilogy(
                     np.arange(1, len(values) + 1),
@@ -40,7 +34,7 @@ def singular_values(
                     linewidth=0.8,
                     color=AFTER if k == 0 else BESIDE,
                     markerfacecolor=AFTER if k == 0 else PAPER,
-                    label=method,
+                    label=f"{jacobian.method}: {jacobian.residual}",
                 )
             axes.set_xlabel("number, largest first")
             axes.grid(True, axis="y")
@@ -61,15 +55,15 @@ def singular_values(
         handles, labels = left.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper left", ncols=4)
         told = "; ".join(
-            f"{method}: condition number {figures(r.condition)} raw, {figures(s.condition)} scaled"
-            for method, r, s in zip(methods, raw, scaled, strict=True)
+            f"{one.method}: condition number {figures(one.raw.condition)} raw, {figures(one.scaled.condition)} scaled"
+            for one in jacobians
         )
         return picture(
             figure,
             name="singular-values",
             alternative=f"Singular values on a logarithmic scale. {told}.",
             caption=(
-                "Singular values of the Jacobian from the poses used, logarithmic scale. A steep fall at the end means a "
-                f"combination of parameters that these poses barely show. With unit columns, everything above σ₁ / {acceptable:.0f} is acceptable."
+                "Singular values of the Jacobians from the poses used, logarithmic scale; the filled one judges the poses. A steep fall at the end means a "
+                f"combination of parameters that these poses barely show. With unit columns, its values above σ₁ / {acceptable:.0f} are acceptable."
             ),
         )
