@@ -1,8 +1,8 @@
 """The joint drives of a session: every command is recorded with its cause.
 
-Owns the order in which modes change, so that never more joints are in position mode than
-the plan drives, and the way back to safe mode, which goes on past any drive that does not
-answer.
+Owns the way back to safe mode, which goes on past any drive that does not answer. A drive
+that does not answer in time is told again, since an answer can be late on a busy bus and
+every command may be repeated without harm; each time is recorded as a fault.
 """
 
 from __future__ import annotations
@@ -10,8 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from daq.clock import Clock
-from drivers import DriverError, JointDrive
+from drivers import DeviceSilent, DriverError, JointDrive
 from recordings.events import Event, Fault, Mode, ModeCommand, ModeReport
+
+ATTEMPTS = 3
+"""How often a drive that does not answer is told a command."""
 
 
 class Drives:
@@ -41,7 +44,7 @@ class Drives:
         self._record(ModeCommand(joint, self._clock.now_ns(), mode, None, cause))
         if mode is Mode.POSITION:
             self._in_position.add(joint)
-        self._joints[joint].set_mode(mode)
+        self._insist(joint, lambda drive: drive.set_mode(mode))
         if mode is not Mode.POSITION:
             self._in_position.discard(joint)
 
@@ -49,7 +52,7 @@ class Drives:
         """Command a target of position mode, in counts of the sensing channel; raises DriverError."""
         now_ns = self._clock.now_ns()
         self._record(ModeCommand(joint, now_ns, Mode.POSITION, target_raw, cause))
-        self._joints[joint].move_to(target_raw)
+        self._insist(joint, lambda drive: drive.move_to(target_raw))
 
     def report(self, joint: str) -> ModeReport:
         """What the drive says it is doing."""
@@ -63,3 +66,15 @@ class Drives:
             except DriverError as error:
                 text = f"the drive of {joint} could not be switched off: {error}"
                 self._record(Fault(self._clock.now_ns(), joint, "not-safe", text))
+
+    def _insist(self, joint: str, command: Callable[[JointDrive], None]) -> None:
+        """Give a command, again if it is not answered; raises DriverError."""
+        for attempt in range(1, ATTEMPTS + 1):
+            try:
+                command(self._joints[joint])
+                return
+            except DeviceSilent as error:
+                text = f"attempt {attempt} of {ATTEMPTS}: {error}"
+                self._record(Fault(self._clock.now_ns(), joint, "no-answer", text))
+                if attempt == ATTEMPTS:
+                    raise

@@ -135,16 +135,22 @@ class FakeDrive:
         self.joint = joint
         self._bench = bench
         self.broken = False
+        self.unanswered = 0
+
+    def _answer(self) -> None:
+        if self.broken or self.unanswered > 0:
+            self.unanswered -= 1
+            raise DeviceSilent(f"drive of {self.joint} does not answer")
 
     def set_mode(self, mode: Mode) -> None:
+        self._answer()
         self._bench.log.append((self.joint, mode, None))
-        if self.broken:
-            raise DeviceSilent(f"drive of {self.joint} does not answer")
         if mode is not Mode.POSITION:
             self._bench.targets.pop(self.joint, None)
         self._bench.modes[self.joint] = mode
 
     def move_to(self, target_raw: int) -> None:
+        self._answer()
         if self._bench.modes[self.joint] is not Mode.POSITION:
             raise BadCommand(f"{self.joint} is not in position mode")
         self._bench.log.append((self.joint, Mode.POSITION, target_raw))

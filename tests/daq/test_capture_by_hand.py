@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from daq import CaptureOptions, Ending, capture
+from recordings.events import Mode
 from recordings.reader import read_recording
 from recordings.rig import visits
 
@@ -69,3 +70,19 @@ def test_a_bump_at_the_same_place_is_not_a_new_pose(shoulder, tmp_path):
     options = CaptureOptions(max_duration_s=8.0)
     summary = run(shoulder, tmp_path / "shoulder.mcap", options=options)
     assert len(summary.dwells) == 1
+
+
+def test_drives_are_free_while_a_hand_moves_the_mechanism(arm, tmp_path):
+    changes = {"mode": "by-hand", "drives": (), "corners": None}
+    plan = arm.rig.plan.model_copy(update=changes)
+    modes = []
+    summary = run(
+        arm,
+        tmp_path / "arm.mcap",
+        plan_override=plan,
+        on_progress=lambda progress: modes.append(set(arm.modes.values())),
+        options=CaptureOptions(max_duration_s=3.0),
+    )
+    assert summary.ending is Ending.STOPPED
+    assert modes[-1] == {Mode.FREE}
+    assert set(arm.modes.values()) == {Mode.OFF}

@@ -257,6 +257,22 @@ def test_a_drive_that_does_not_answer_any_more_does_not_keep_the_others_on(arm, 
     assert [fault.source for fault in summary.faults if fault.kind == "not-safe"] == ["joint5"]
 
 
+def test_a_drive_that_answers_late_is_told_again(arm, tmp_path):
+    late = iter([2.0, 4.0])
+    due = next(late)
+
+    def drop_answers(seconds):
+        nonlocal due
+        if seconds > due:
+            arm.link("arm-can").joints["joint5"].unanswered = 2
+            due = next(late, 1e9)
+
+    arm.on_sample = drop_answers
+    summary = run(arm, tmp_path / "arm.mcap")
+    assert summary.ending is Ending.COMPLETE, summary.why
+    assert [(fault.source, fault.kind) for fault in summary.faults] == [("joint5", "no-answer")] * 4
+
+
 @pytest.mark.parametrize("error", [LinkBroken("unplugged"), ValueError("a bug")])
 def test_a_link_that_breaks_ends_the_session_and_is_named(arm, tmp_path, error):
     arm.link("arm-wrist").break_at_s = 3.0
