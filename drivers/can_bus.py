@@ -4,12 +4,11 @@ python-can's buses raise whatever their libraries raise, and some of it is harml
 garbled frame) and some is not (the adapter is gone). Here a bus gives frames stamped on
 arrival, counts what is garbled, and raises `LinkBroken` when it is gone.
 
-Known habits of python-can 4.6 that are handled here: slcan raises ValueError for bad hex,
-pads a short payload in silence, and stumbles for ever over bytes that are not text; it waits 2 s after opening, for boards that reset, which
-is skipped on a pty and on a URL; its ``shutdown`` leaves a dead port open; ``send`` without
-a timeout may block for ever on a peer that does not read; only a terminal's path is
-protected against a second user. Time stamps of the library follow the wall clock, so the
-arrival is stamped here.
+Known habits of python-can 4.6 that are handled here: interfaces raise ValueError for a
+garbled frame, or pad a short payload in silence; ``send`` without a timeout may block for ever
+on a peer that does not read; time stamps follow the wall clock, so the arrival is stamped
+here. Its slcan interface is replaced by `drivers.slcan`. A board that resets when its port is
+opened gets its time to come up, except on a pty or a URL, where there is none.
 """
 
 from __future__ import annotations
@@ -22,10 +21,12 @@ from typing import Any, Protocol
 import can
 from can.exceptions import error_check
 from can.interfaces import VALID_INTERFACES
+from pydantic import ValidationError
 
-from drivers.errors import LinkBroken, LinkClosed, OptionError
+from drivers.errors import LinkBroken, LinkClosed, OptionError, option_faults
 from drivers.link import Clock
 from drivers.ports import DeviceLock, is_pseudo_terminal, open_error
+from drivers.slcan import BIT_RATES, SlcanBus, SlcanOptions
 from recordings.rig import CanPort
 
 SEND_TIMEOUT_S = 0.25
@@ -65,6 +66,8 @@ def connect(port: CanPort) -> Bus:
     options: dict[str, Any] = dict(port.options)
     if port.interface == "slcan" and ("://" in port.channel or is_pseudo_terminal(port.channel)):
         options.setdefault("sleep_after_open", 0.0)
+    if port.interface == "slcan":
+        return SlcanBus(port.channel, port.bitrate, **options)
     return can.Bus(interface=port.interface, channel=port.channel, bitrate=port.bitrate, **options)
 
 
@@ -89,6 +92,8 @@ class CanBus:
                 f"port '{port.name}': 'interface' is '{port.interface}', "
                 f"expected one of: {', '.join(sorted(VALID_INTERFACES))}"
             )
+        if port.interface == "slcan":
+            _check_slcan(port)
         self._port = port
         self._clock = clock
         self._connect = connect
@@ -151,10 +156,8 @@ class CanBus:
                 with error_check():
                     bus.shutdown()
         except can.CanError:
-            # A dead slcan port cannot take the farewell; its descriptor is still ours to close.
-            serial_port = getattr(bus, "serialPortOrig", None)
-            if serial_port is not None:
-                serial_port.close()
+            # An adapter that is gone cannot take the farewell, and nothing depends on it.
+            return
         finally:
             self._lock.release()
 
@@ -166,11 +169,6 @@ class CanBus:
             if not _is_garble(error):
                 raise
             self.malformed += 1
-            # slcan keeps what it could not decode, and would stumble over it for ever.
-            flush = getattr(bus, "flush", None)
-            if isinstance(_cause(error), UnicodeDecodeError) and flush is not None:
-                with error_check():
-                    flush()
             return None
 
     def _open_bus(self) -> Bus:
@@ -180,6 +178,20 @@ class CanBus:
 
     def _broken(self, error: can.CanError) -> LinkBroken:
         return LinkBroken(f"port '{self._port.name}' at '{self._port.channel}' is gone: {error}")
+
+
+def _check_slcan(port: CanPort) -> None:
+    if port.bitrate not in BIT_RATES:
+        known = ", ".join(map(str, BIT_RATES))
+        raise OptionError(
+            f"port '{port.name}': 'bitrate' is {port.bitrate}, slcan adapters know: {known}"
+        )
+    try:
+        SlcanOptions.model_validate(port.options)
+    except ValidationError as error:
+        raise OptionError(
+            f"port '{port.name}' has wrong options: {option_faults(error)}"
+        ) from error
 
 
 def _cause(error: BaseException) -> BaseException:

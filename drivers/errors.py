@@ -6,6 +6,10 @@ port (`PortNotFound`, `PortBusy`, `PortDenied`), the device (`DeviceSilent`,
 the world's doing: a port that was open went away.
 """
 
+from __future__ import annotations
+
+from pydantic import ValidationError
+
 
 class DriverError(Exception):
     """Root of what this room raises."""
@@ -49,3 +53,13 @@ class LinkClosed(DriverError):
 
 class LinkBroken(DriverError):
     """The port went away while it was open: unplugged, bus off, or the peer hung up."""
+
+
+def option_faults(error: ValidationError) -> str:
+    """What is wrong with a table of options: each key, what was found, and what is allowed."""
+    return "; ".join(
+        str(fault["msg"])
+        if fault["type"] == "rig"
+        else f"'{'.'.join(map(str, fault['loc']))}' is {fault['input']!r}: {fault['msg']}"
+        for fault in error.errors()
+    )

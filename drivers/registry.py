@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from drivers.canopen import encoder, joint
 from drivers.driver import DeviceSpec, Driver
-from drivers.errors import OptionError
+from drivers.errors import OptionError, option_faults
 from drivers.link import Clock, Link
 from drivers.modbus import adc
 from recordings.rig import CanPort, Device, Rig, SerialPort
@@ -114,9 +114,8 @@ def _spec(rig: Rig, device: Device, driver: Driver[Any, Any, Any]) -> DeviceSpec
     try:
         options = driver.options.model_validate(device.options)
     except ValidationError as error:
-        lines = "; ".join(_fault(fault) for fault in error.errors())
         raise OptionError(
-            f"device '{device.name}' ({device.driver}) has wrong options: {lines}"
+            f"device '{device.name}' ({device.driver}) has wrong options: {option_faults(error)}"
         ) from error
     channels = tuple(channel for channel in rig.channels if channel.device == device.name)
     return DeviceSpec(
@@ -127,9 +126,3 @@ def _spec(rig: Rig, device: Device, driver: Driver[Any, Any, Any]) -> DeviceSpec
         channels=channels,
         options=options,
     )
-
-
-def _fault(fault: Any) -> str:
-    if fault["type"] == "rig":
-        return str(fault["msg"])
-    return f"'{'.'.join(map(str, fault['loc']))}' is {fault['input']!r}: {fault['msg']}"

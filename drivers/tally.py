@@ -61,6 +61,11 @@ class Tally:
         """``readings`` were due in a gap and could not be asked for."""
         self._unasked += readings
 
+    def skip(self, readings: int) -> None:
+        """``readings`` were due while the host was late: a gap of a working link."""
+        self._unasked += readings
+        self._gaps += 1
+
     def losses(self) -> Losses:
         """The balance so far."""
         missing = self._asked - self._received - self.under_way

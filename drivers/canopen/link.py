@@ -246,8 +246,7 @@ class CanopenLink:
             return
         for tally in self._tallies.values():
             if instants > 1:
-                tally.begin_gap()
-                tally.lose(instants - 1)
+                tally.skip(instants - 1)
             tally.ask()
         if self._tallies:
             self.send(SYNC, b"")

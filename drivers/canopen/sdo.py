@@ -19,7 +19,7 @@ from canopen.sdo.client import SdoClient
 
 from drivers.errors import DeviceRefused, DeviceSilent
 
-SDO_TIMEOUT_S = 0.3
+SDO_TIMEOUT_S = 0.5
 SDO_LENGTH = 8
 
 ABORTED = 4

@@ -220,8 +220,7 @@ class ModbusLink:
 def _ask(tally: Tally, instants: int, *, failing: bool) -> None:
     """Count the instants that have come: one is polled; the device that failed lost the others."""
     if instants > 1 and not failing:
-        tally.begin_gap()
-        tally.lose(instants - 1)
+        tally.skip(instants - 1)
         instants = 1
     tally.ask(instants)
 

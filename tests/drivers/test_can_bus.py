@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import can
+import can.interfaces.virtual
 import pytest
 
+from drivers import can_bus
 from drivers.can_bus import CanBus, connect
-from drivers.errors import LinkBroken, LinkClosed, PortBusy, PortNotFound
+from drivers.errors import LinkBroken, LinkClosed, OptionError, PortBusy, PortNotFound
 from recordings.rig import CanPort
 
 PORT = CanPort(kind="can", name="bus", interface="virtual", channel="unused")
@@ -99,23 +101,15 @@ def test_a_closed_bus_says_that_we_closed_it(clock):
 
 
 def test_a_bus_that_cannot_say_goodbye_is_let_go_all_the_same(clock):
-    class Serial:
-        closed = False
-
-        def close(self):
-            self.closed = True
-
     class Dead(ScriptedBus):
-        serialPortOrig = Serial()  # noqa: N815 - the library's name
-
         def shutdown(self):
             raise can.CanOperationError("Could not write to serial device")
 
-    dead = Dead()
-    bus = CanBus(PORT, clock, lambda _port: dead)
+    bus = CanBus(PORT, clock, lambda _port: Dead())
     bus.open()
     bus.close()
-    assert dead.serialPortOrig.closed
+    with pytest.raises(LinkClosed):
+        bus.receive(0.0)
 
 
 def slcan(path: str) -> CanPort:
@@ -165,20 +159,41 @@ def test_an_unplugged_slcan_adapter_is_link_broken_and_leaves_nothing_open(clock
         bus.receive(0.0)
 
 
-@pytest.mark.parametrize(("given", "used"), [({}, 0.0), ({"sleep_after_open": 0.5}, 0.5)])
-def test_no_time_is_spent_waiting_for_a_board_where_there_is_none(monkeypatch, line, given, used):
-    asked = {}
-    monkeypatch.setattr(can, "Bus", lambda **options: asked.update(options))
-    connect(slcan(line.path).model_copy(update={"options": given}))
-    assert asked["sleep_after_open"] == used
+@pytest.mark.parametrize(
+    ("path", "given", "used"),
+    [
+        ("pty", {}, 0.0),
+        ("pty", {"sleep_after_open": 0.5}, 0.5),
+        ("socket://127.0.0.1:7", {}, 0.0),
+        ("/dev/ttyUSB0", {}, None),
+        ("/dev/ttyUSB0", {"sleep_after_open": 0.1}, 0.1),
+    ],
+)
+def test_time_is_given_to_a_board_where_there_may_be_one(monkeypatch, line, path, given, used):
+    asked = []
+    monkeypatch.setattr(
+        can_bus, "SlcanBus", lambda _path, _bitrate, **options: asked.append(options)
+    )
+    port = slcan(line.path if path == "pty" else path).model_copy(update={"options": given})
+    connect(port)
+    assert asked[0].get("sleep_after_open") == used
 
 
-def test_a_real_adapter_gets_its_time(monkeypatch, tmp_path):
-    asked = {}
-    monkeypatch.setattr(can, "Bus", lambda **options: asked.update(options))
-    connect(slcan(str(tmp_path / "ttyUSB0")))
-    assert asked == {
-        "interface": "slcan",
-        "channel": str(tmp_path / "ttyUSB0"),
-        "bitrate": 1_000_000,
-    }
+def test_any_other_interface_is_python_cans_own(can_port):
+    bus = connect(can_port)
+    assert isinstance(bus, can.interfaces.virtual.VirtualBus)
+    bus.shutdown()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"bitrate": 123_456}, "'bitrate' is 123456"),
+        ({"options": {"speed": 1}}, "unknown key 'speed'"),
+        ({"options": {"tty_baudrate": "fast"}}, "'tty_baudrate' is 'fast'"),
+        ({"interface": "slcam"}, "'interface' is 'slcam'"),
+    ],
+)
+def test_wrong_port_options(clock, change, words):
+    with pytest.raises(OptionError, match=words):
+        CanBus(slcan("/dev/ttyUSB0").model_copy(update=change), clock)

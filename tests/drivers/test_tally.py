@@ -69,7 +69,7 @@ def test_a_reading_that_came_unasked_is_expected_too():
     assert tally.losses() == Losses(1, 0, 0, 0)
 
 
-ACTIONS = st.sampled_from(["ask", "receive", "step", "unasked", "gap", "lose", "give_up"])
+ACTIONS = st.sampled_from(["ask", "receive", "step", "unasked", "gap", "lose", "skip", "give_up"])
 
 
 @settings(deadline=None, derandomize=True, max_examples=300)
@@ -87,6 +87,8 @@ def test_the_balance_is_whole_at_every_moment(actions: list[str]):
             received += 1
         elif action == "gap":
             tally.begin_gap()
+        elif action == "skip":
+            tally.skip(2)
         elif action == "lose":
             tally.lose(2)
         else:
