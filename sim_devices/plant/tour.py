@@ -37,6 +37,11 @@ class Leg:
     first_knot: int
     shares: Array
 
+    @property
+    def end_knot(self) -> int:
+        """Number of the knot at which the move ends."""
+        return self.first_knot + len(self.shares) - 1
+
 
 @dataclass(frozen=True, slots=True)
 class Tour:
@@ -58,7 +63,7 @@ class Tour:
 
     def at_stops(self) -> Array:
         """(n, J) joint variables at the stops that were reached."""
-        last = [leg.first_knot + len(leg.shares) - 1 for leg in self.legs]
+        last = [leg.end_knot for leg in self.legs]
         reached = [not stop.faults for stop in self.stops]
         return np.asarray(self.knots[np.array(last)[reached]])
 
@@ -75,13 +80,23 @@ class Tour:
             at_knot[begin:end] = leg.first_knot + np.interp(
                 share, leg.shares, np.arange(len(leg.shares))
             )
+        if self.loop.is_steady:
+            # Half of a session is rest: samples at one place of the path are solved once.
+            at_knot, sample = np.unique(at_knot, return_inverse=True)
+            return self._closed_at(at_knot, np.zeros(len(at_knot)))[sample]
+        return self._closed_at(at_knot, time_s)
+
+    def _closed_at(self, at_knot: Array, time_s: Array) -> Array:
+        """(n, J) closed configurations at places of the path, counted in knots."""
         count = np.arange(len(self.knots))
         guess = np.stack([np.interp(at_knot, count, column) for column in self.knots.T], axis=1)
         closed, left = self.loop.polish(guess, self.held, time_s)
-        if left.max() > CLOSED or np.abs(closed - guess).max() > _ASTRAY:
-            when = float(time_s[np.argmax(left)])
+        lost = (left > CLOSED) | (np.abs(closed - guess).max(axis=1) > _ASTRAY)
+        if lost.any():
+            ends = [leg.end_knot for leg in self.legs]
+            stop = self.stops[int(np.searchsorted(ends, at_knot[np.argmax(lost)]))]
             raise CannotSimulate(
-                f"the loop cannot be followed at {when:.2f} s of the session: the mechanism passes too "
+                f"the loop cannot be followed on the way to pose {stop.pose}: the mechanism passes too "
                 f"close to a singular configuration; move the region of the plan away from it"
             )
         return closed
