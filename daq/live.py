@@ -118,7 +118,10 @@ class _Ring:
         if self._total < keep:
             return Window(self._time_ns[: self._total].copy(), self._counts[: self._total].copy())
         at = self._total % keep
-        return Window(np.roll(self._time_ns, -at), np.roll(self._counts, -at))
+        return Window(
+            np.concatenate([self._time_ns[at:], self._time_ns[:at]]),
+            np.concatenate([self._counts[at:], self._counts[:at]]),
+        )
 
     def rate(self, now_ns: int) -> float:
         window = self.window()

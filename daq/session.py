@@ -115,7 +115,6 @@ def capture(
             session = _Session(
                 rig, plan, stops, links, joints, clock, stop, options or CaptureOptions()
             )
-            session.start()
             metadata = Session(
                 session_id=uuid.uuid4().hex,
                 start_ns=clock.now_ns(),
@@ -123,6 +122,7 @@ def capture(
                 notes=notes,
                 host=socket.gethostname(),
             )
+            session.start()
             return session.record(target, rig_toml, metadata, on_progress)
 
 
@@ -222,9 +222,11 @@ class _Session:
         """
         try:
             writer = Writer(path, rig_toml, metadata)
-        except RecordingError as error:
+        except BaseException as error:
             self._stop_links()
-            raise CannotRecord(str(error)) from error
+            if isinstance(error, RecordingError):
+                raise CannotRecord(str(error)) from error
+            raise
         recorder = Recorder(writer, self._queue, self._clock)
         recorder.start()
         supervision = Supervision(
@@ -244,12 +246,14 @@ class _Session:
         ending, why = Ending.FAILED, "a fault of the program itself"
         cause: Exception | None = None
         try:
-            self._execute(supervision, drives)
-            ending, why = Ending.COMPLETE, ""
-        except StopRequested as request:
-            ending, why = Ending.STOPPED, str(request)
-        except (SessionFailed, DriverError) as failure:
-            why, cause = str(failure), failure
+            try:
+                self._execute(supervision, drives)
+                ending, why = Ending.COMPLETE, ""
+            except StopRequested as request:
+                ending, why = Ending.STOPPED, str(request)
+            except (SessionFailed, DriverError) as failure:
+                why, cause = str(failure), failure
+            supervision.show_stopping()
         finally:
             try:
                 drives.make_safe(f"end of session: {ending}")

@@ -114,6 +114,11 @@ class Supervision:
         """Say what the session is doing, at which stop (from 1), and what comes next."""
         self._phase, self._at, self._hint = phase, stop_number, hint
 
+    def show_stopping(self) -> None:
+        """Show at once that the session ends; a drive can take a while to switch off."""
+        self.enter(Phase.STOPPING, self._at, "switching off and closing the file")
+        self._on_progress(self.progress())
+
     def tick(self) -> int:
         """Let a moment pass; return the time [ns].
 

@@ -21,7 +21,7 @@ from daq import (
     capture,
 )
 from drivers import DeviceSilent, LinkBroken, PortNotFound
-from recordings.errors import RecordingError
+from recordings.errors import RecordingError, RigError
 from recordings.events import Dwell, Mode
 from recordings.reader import read_recording
 from recordings.rig import visits
@@ -322,7 +322,8 @@ def test_progress_comes_five_times_a_second_with_rates_and_what_is_next(arm, tmp
     assert {Phase.MOVING, Phase.SETTLING, Phase.DWELLING} <= {p.phase for p in seen}
     gaps = [b.elapsed_s - a.elapsed_s for a, b in pairwise(seen)]
     assert max(gaps) < 0.3
-    late = seen[-1]
+    assert seen[-1].phase is Phase.STOPPING
+    late = seen[-2]
     assert late.stops == len(visits(arm.rig.plan))
     assert late.stop == late.stops
     assert {c.name: round(c.rate_hz) for c in late.channels}["q1"] == pytest.approx(100, abs=3)
@@ -360,6 +361,24 @@ def test_a_plan_given_in_place_of_the_rigs_is_executed(arm, tmp_path):
     summary = run(arm, tmp_path / "arm.mcap", plan_override=plan)
     assert summary.poses == 2
     assert read_recording(tmp_path / "arm.mcap").rig_toml == arm.toml
+
+
+def test_a_progress_display_that_fails_is_no_reason_to_leave_drives_on(arm, tmp_path):
+    def broken(progress):
+        if progress.dwells == 1:
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        run(arm, tmp_path / "arm.mcap", on_progress=broken)
+    assert set(arm.modes.values()) == {Mode.OFF}
+    assert len(read_recording(tmp_path / "arm.mcap").dwells) == 1
+
+
+def test_a_rig_text_that_is_no_rig_leaves_nothing_running(arm, tmp_path):
+    arm.toml = "not a rig"
+    with pytest.raises(RigError):
+        run(arm, tmp_path / "arm.mcap")
+    assert not (tmp_path / "arm.mcap").exists()
 
 
 def test_who_recorded_it_is_in_the_file(arm, tmp_path):
