@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
 from recordings.rig import Parameter
@@ -82,9 +83,10 @@ def figures(value: float, count: int = 3) -> str:
     return f"{value / 10.0**exponent:.{count - 1}f}×10{str(exponent).translate(_SUPERSCRIPT)}"
 
 
+_MINUS = re.compile(r"(?<![\w-])-(?=\d)")
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def typeset(text: str) -> str:
-    """``text`` of this file's functions with true minus signs, for a page."""
-    return text.replace("-", "−")
+    """``text`` with true minus signs before its numbers, for a page."""
+    return _MINUS.sub("−", text)

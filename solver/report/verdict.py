@@ -1,7 +1,6 @@
-"""What a solve is worth, in words: did it work, how good is it, and what it cannot tell.
+"""What a solve is worth: one sentence, the numbers behind it, and how to take each of them.
 
-Owns the thresholds behind the words. Misfit is judged against its own scatter; a condition
-number with unit columns below 100 counts as acceptable (Giugovaz & Hollerbach, section 3).
+A condition number with unit columns below 100 counts as acceptable, as in Giugovaz & Hollerbach.
 """
 
 from __future__ import annotations
@@ -11,23 +10,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-
 from solver.estimate.trust_region import Status
-from solver.report.comparison import Compared, Value
-from solver.report.notation import decimals_for, figures, signed, unit_of
+from solver.report.comparison import Compared
+from solver.report.findings import findings, limits
+from solver.report.misfit import judge, scatter, unseen_poses
+from solver.report.notation import figures
 from solver.solve import Solution
 
 ACCEPTABLE_CONDITION = 100.0
 """Largest condition number, columns scaled, that counts as acceptable."""
 
 Grade = Literal["good", "caution", "bad"]
-
-_SCATTERS = 3.0  # standard deviations of chi-square per degree of freedom that noise may move it
-_SURPRISING = 3.0  # stated uncertainties of a nominal value
-_CONFIDENT = 2.6  # standard errors that hold 99 % of truths
-_FEWEST_UNSEEN = 3
-_MEMBER = 0.35  # share of the largest component that makes a parameter part of a combination
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,22 +75,9 @@ def verdict(solution: Solution, rows: Sequence[Compared]) -> Verdict:
         headline=_headline(solution),
         remedy=None if converged else estimate.status.value,
         facts=facts,
-        findings=tuple(_findings(solution, rows)),
-        limits=tuple(_limits(solution)),
+        findings=tuple(findings(solution, rows)),
+        limits=tuple(limits(solution)),
     )
-
-
-def equations_per_pose(solution: Solution) -> int:
-    """By how many readings a pose is over-determined."""
-    parameters = solution.estimate.parameters
-    freedoms = solution.model.mobility(solution.after.coordinates, parameters)
-    return len(solution.table.channels) - freedoms
-
-
-def scatter(solution: Solution) -> float:
-    """Standard deviation of chi-square per degree of freedom where the model is right."""
-    free = solution.estimate.freedoms
-    return math.sqrt(2.0 / free) if free > 0 else math.inf
 
 
 def certificate(solution: Solution) -> str:
@@ -105,6 +85,8 @@ def certificate(solution: Solution) -> str:
     chosen, usable = len(solution.selection.poses), len(solution.table.counts)
     if chosen >= usable:
         return f"all {usable} usable poses were taken, so there was nothing to choose"
+    if solution.identifiability.combinations:
+        return "not judged, because no choice of poses shows the undetermined combinations"
     bound = solution.selection.upper_bound
     if not (math.isfinite(bound) and bound > 0):
         return f"no bound is known on what the best {chosen} of these {usable} poses could give"
@@ -122,7 +104,7 @@ def _headline(solution: Solution) -> str:
     if held:
         combinations = "combination" if held == 1 else "combinations"
         return f"Calibrated in part: these poses leave {held} {combinations} of parameters undetermined."
-    match _judge(solution):
+    match judge(solution):
         case "above":
             return (
                 "Calibrated, but the model does not explain the readings: what is left is "
@@ -135,15 +117,6 @@ def _headline(solution: Solution) -> str:
     if not solution.scaled.condition <= ACCEPTABLE_CONDITION:
         return "Calibrated to sensor noise, but these poses show some parameters only weakly."
     return "Calibrated: the model explains the readings to within sensor noise."
-
-
-def _judge(solution: Solution) -> Literal["noise", "above", "below", "unknown"]:
-    misfit, margin = solution.estimate.misfit, _SCATTERS * scatter(solution)
-    if not (math.isfinite(misfit) and math.isfinite(margin)):
-        return "unknown"
-    if solution.estimate.inflation > 1.0:
-        return "above"
-    return "below" if misfit < 1.0 - margin else "noise"
 
 
 def _status(solution: Solution) -> Fact:
@@ -159,7 +132,7 @@ def _status(solution: Solution) -> Fact:
 
 
 def _misfit(solution: Solution) -> Fact:
-    judged = _judge(solution)
+    judged = judge(solution)
     low, high = (max(1.0 + sign * 2 * scatter(solution), 0.0) for sign in (-1, 1))
     return Fact(
         "Misfit χ²/dof",
@@ -199,113 +172,14 @@ def _condition(solution: Solution) -> Fact:
 
 
 def _unseen(solution: Solution) -> tuple[Fact, ...]:
-    """The misfit of poses that the fit has not seen, where there are some."""
-    unseen = np.ones(len(solution.table.counts), dtype=bool)
-    unseen[solution.selection.poses] = False
-    unseen &= solution.after.closed
-    count, equations = int(unseen.sum()), equations_per_pose(solution)
-    if count < _FEWEST_UNSEEN or equations < 1:
+    found = unseen_poses(solution)
+    if found is None:
         return ()
-    free = count * equations
-    misfit = float(np.sum(solution.after.residual[unseen] ** 2)) / free
-    # The fit adapts to the poses it has seen, so that unseen ones do worse by the parameters' share.
-    share = solution.identifiability.rank / max(solution.estimate.freedoms, 1)
-    limit = max(solution.estimate.misfit, 1.0) * (1 + share + _SCATTERS * math.sqrt(2.0 / free))
     return (
         Fact(
             "Unseen poses",
-            figures(misfit),
-            f"χ²/dof of the {count} poses that were not used",
-            "good" if misfit <= limit else "caution",
+            figures(found.misfit),
+            f"χ²/dof of the {found.count} poses that were not used",
+            "good" if found.misfit <= found.limit else "caution",
         ),
     )
-
-
-def _findings(solution: Solution, rows: Sequence[Compared]) -> list[str]:
-    out = [
-        f"Not determined: {words}. Held at nominal values."
-        for words in solution.identifiability.combinations
-    ]
-    out += _worst_combination(solution)
-    stated = [(abs(row.change) / row.prior, row) for row in rows if row.prior]
-    if stated:
-        most, row = max(stated, key=lambda pair: pair[0])
-        moved = f"{signed(row.change, decimals_for(row.estimate.standard_error))} {row.unit.name}"
-        tone = "more than it should" if most > _SURPRISING else "nothing unusual"
-        out.append(
-            f"Largest move for its stated uncertainty: {row.name}, {moved}, {figures(most, 2)} times that uncertainty; {tone}."
-        )
-    for k, other in enumerate(solution.beside):
-        out.append(_agreement(other.method, other.status, [(row, row.beside[k]) for row in rows]))
-    known = [row for row in rows if row.truth is not None]
-    if known:
-        errors = np.array(
-            [abs(row.in_errors(row.estimate.value - (row.truth or 0.0))) for row in known]
-        )
-        worst = int(np.nanargmax(errors)) if np.isfinite(errors).any() else 0
-        out.append(
-            f"Against the truth: {int((errors <= _CONFIDENT).sum())} of {len(known)} parameters lie within {_CONFIDENT} "
-            f"standard errors; the farthest is {known[worst].name} at {figures(float(errors[worst]), 2)}."
-        )
-    lost = int((~solution.after.closed).sum())
-    if lost:
-        out.append(
-            f"At {lost} pose{'' if lost == 1 else 's'} the loop does not close with the estimate; their residuals are not shown."
-        )
-    return out
-
-
-def _worst_combination(solution: Solution) -> list[str]:
-    estimate, space = solution.estimate, solution.estimate.space
-    plausible = solution.identifiability.plausible
-    relative = estimate.covariance / np.outer(plausible, plausible)
-    if not np.isfinite(relative).all():
-        return []
-    values, vectors = np.linalg.eigh(relative)
-    direction = vectors[:, -1]
-    order = np.argsort(-np.abs(direction), kind="stable")
-    direction = direction * np.sign(direction[order[0]])
-    members = [j for j in order if abs(direction[j]) > _MEMBER * abs(direction[order[0]])][:3]
-    moves = []
-    for j in members:
-        unit = unit_of(space.table[space.identified[j]])
-        size = estimate.inflation * np.sqrt(values[-1])
-        move = float(size * direction[j] * plausible[j] / unit.to_si)
-        moves.append(
-            f"{space.names[j]} {signed(move, min(decimals_for(abs(move)), 6))} {unit.name}"
-        )
-    together = " with " + " and ".join(moves[1:]) if len(moves) > 1 else ""
-    return [f"Least certain: {moves[0]}{together}; one standard error of the worst combination."]
-
-
-def _agreement(method: str, status: Status, pairs: Sequence[tuple[Compared, Value]]) -> str:
-    if status is not Status.CONVERGED:
-        return f"The method {method} gave no result to compare with: {status.value}."
-    apart = []
-    for row, other in pairs:
-        error = math.hypot(row.estimate.standard_error, other.standard_error)
-        apart.append((abs(other.value - row.estimate.value) / error, row.name))
-    most, name = max(apart, key=lambda pair: pair[0])
-    if most <= _CONFIDENT:
-        return f"The method {method} agrees: at most {figures(most, 2)} standard errors apart, at {name}."
-    return f"The method {method} disagrees: {figures(most, 2)} standard errors apart at {name}."
-
-
-def _limits(solution: Solution) -> list[str]:
-    inflation = solution.estimate.inflation
-    errors = "Standard errors count sensor noise only: they say how far the estimate scatters, not how far the model is off."
-    if inflation > 1.0:
-        errors = (
-            "What the model lacks. Standard errors are "
-            f"{figures(inflation, 2)} times those of sensor noise to allow for it, but an error of the model can move a parameter by more."
-        )
-    out = [
-        errors,
-        "Numbers of the rig that are not identified are taken as stated; if one is wrong, the error sits in the estimates.",
-        "A small misfit does not prove the model: an error that some combination of the parameters can imitate leaves no trace.",
-    ]
-    if not _unseen(solution):
-        out.append(
-            "All or nearly all usable poses were fitted, so the result has not been tested on unseen ones; use fewer with -n to see."
-        )
-    return out

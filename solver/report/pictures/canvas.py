@@ -15,7 +15,12 @@ from html import escape
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator
+
+from solver.report.notation import figures
 
 INK = "#010101"
 MUTED = "#020202"
@@ -99,18 +104,34 @@ class Picture:
 
 
 @contextmanager
-def canvas(height: float) -> Iterator[Figure]:
-    """A figure ``height`` inches tall in the common look, which holds while it is drawn."""
+def canvas(height: float, *, arranged: bool = True) -> Iterator[Figure]:
+    """A figure in the common look, which holds while it is drawn.
+
+    Args:
+        height: in inches.
+        arranged: whether the panels make room for their labels by themselves, which takes
+            long where there are many.
+    """
     # The look must not leak into a program that draws pictures of its own.
     with mpl.rc_context(_LOOK):
-        yield Figure(figsize=(WIDTH, height), layout="constrained")
+        yield Figure(figsize=(WIDTH, height), layout="constrained" if arranged else None)
+
+
+def decades(axes: Axes) -> None:
+    """A logarithmic vertical scale with a plain number at each power of ten."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(10.0, numticks=8))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: figures(value, 1)))
+    axes.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+    axes.grid(True, axis="y")
 
 
 def picture(figure: Figure, *, name: str, alternative: str, caption: str) -> Picture:
     """``figure`` as a `Picture`; ``alternative`` tells those who cannot see it what it shows."""
     buffer = io.StringIO()
     with mpl.rc_context(_LOOK):
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
+        # `Figure.savefig` would draw everything twice.
+        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})  # type: ignore[no-untyped-call]
     return Picture(name, _inline(buffer.getvalue(), name, alternative), caption)
 
 

@@ -76,7 +76,12 @@ def changes(rows: Sequence[Compared], method: str, beside: Sequence[str]) -> Pic
                 )
                 + (
                     "Right: what else is known, as a difference from the estimate in the estimate's standard errors; "
-                    f"the band is ±2. Beyond ±{_LINEAR:.0f} the scale is logarithmic."
+                    "the band is ±2."
+                    + (
+                        f" Beyond ±{_LINEAR:.0f} the scale is logarithmic."
+                        if reach > _LINEAR * 1.5
+                        else ""
+                    )
                     if others
                     else ""
                 )

@@ -15,6 +15,7 @@ from solver.report.pictures.canvas import (
     PAPER,
     Picture,
     canvas,
+    decades,
     picture,
 )
 
@@ -73,7 +74,7 @@ def _length(errors: Array) -> Array:
 def _panel(
     axes: Axes, poses: NDArray[np.intp], before: Array, after: Array, predicted: float
 ) -> None:
-    axes.semilogy(
+    axes.plot(
         poses,
         before,
         "v",
@@ -83,9 +84,9 @@ def _panel(
         markeredgewidth=1.0,
         label="before, at nominal parameters",
     )
-    axes.semilogy(
+    axes.plot(
         poses, after, "o", color=AFTER, markersize=3.2, markeredgewidth=0, label="after calibration"
     )
     axes.axhline(predicted, color=INK, linewidth=1.0, linestyle="--", label="noise alone")
-    axes.grid(True, axis="y")
+    decades(axes)
     axes.margins(x=0.02)

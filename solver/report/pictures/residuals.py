@@ -44,8 +44,17 @@ def residuals(solution: Solution, expected: Array) -> Picture:
         4.0, float(np.nanmax(np.abs(after), initial=0.0)), 2.0 * float(expected.max())
     )
     told = []
-    with canvas(0.55 + 0.92 * channels) as figure:
+    height = 0.85 + 0.9 * channels
+    with canvas(height, arranged=False) as figure:
         grid = figure.subplots(channels, 2, squeeze=False, sharex=True)
+        figure.subplots_adjust(
+            left=0.09,
+            right=0.93,
+            wspace=0.17,
+            hspace=0.38,
+            top=1 - 0.42 / height,
+            bottom=0.4 / height,
+        )
         for c, name in enumerate(table.channels):
             step = float(np.median(table.sigma[:, c])) * abs(gains[c])  # SI of one standard error
             raw = before[:, c] * table.sigma[:, c] * gains[c]
@@ -59,7 +68,7 @@ def residuals(solution: Solution, expected: Array) -> Picture:
             right.axhspan(-band, band, color=BAND, linewidth=0)
             _points(right, after[:, c], used, AFTER)
             right.set_ylim(-reach, reach)
-            right.set_ylabel("std. errors")
+            right.set_ylabel("SE")
             _note(right, _rms(after[:, c]) * step, fine, _rms(after[:, c]))
             _second_scale(right, step / fine.to_si, fine)
             told.append(
@@ -76,7 +85,7 @@ def residuals(solution: Solution, expected: Array) -> Picture:
             caption=(
                 "Measured minus predicted reading of every pose, at the closed configuration that fits its readings best. "
                 "Filled: poses used; open: the others, which the fit has not seen. "
-                "The band is ±2 of what sensor noise alone leaves; patterns or points far outside it are what the model lacks. "
+                "SE: standard error of a dwell's mean. The band is ±2 of what sensor noise alone leaves; patterns or points far outside it are what the model lacks. "
                 "Mind the scales: before and after differ."
             ),
         )

@@ -99,7 +99,7 @@ def _scatter(axes: Axes, x: Array, y: Array, used: NDArray[np.bool_]) -> None:
         markersize=4,
         markerfacecolor=PAPER,
         markeredgewidth=0.9,
-        label="not used",
+        label="not used" if not used.all() else None,
     )
     axes.plot(x[used], y[used], "o", color=AFTER, markersize=4, markeredgewidth=0, label="used")
     axes.margins(0.06)

@@ -8,7 +8,16 @@ import numpy as np
 
 from solver.report.judged import Judged
 from solver.report.notation import figures
-from solver.report.pictures.canvas import AFTER, BESIDE, INK, PAPER, Picture, canvas, picture
+from solver.report.pictures.canvas import (
+    AFTER,
+    BESIDE,
+    INK,
+    PAPER,
+    Picture,
+    canvas,
+    decades,
+    picture,
+)
 
 _MARKERS = ("o", "D", "s", "^", "v")
 
@@ -26,7 +35,7 @@ def singular_values(jacobians: Sequence[Judged], acceptable: float) -> Picture:
         for axes, of in ((left, raw), (right, scaled)):
             for k, (jacobian, one) in enumerate(zip(jacobians, of, strict=True)):
                 values = np.where(one.singular_values > 0, one.singular_values, np.nan)
-                axes.semilogy(
+                axes.plot(
                     np.arange(1, len(values) + 1),
                     values,
                     marker=_MARKERS[k % len(_MARKERS)],
@@ -37,7 +46,7 @@ def singular_values(jacobians: Sequence[Judged], acceptable: float) -> Picture:
                     label=f"{jacobian.method}: {jacobian.residual}",
                 )
             axes.set_xlabel("number, largest first")
-            axes.grid(True, axis="y")
+            decades(axes)
         left.set_title("Raw (SI columns)")
         right.set_title("Scaled (unit columns)")
         floor = float(scaled[0].singular_values[:1].sum()) / acceptable
