@@ -15,9 +15,11 @@ States by status word 0x6041, commands by control word 0x6040:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum, IntEnum
 
 from drivers.errors import Malformed
+from recordings.events import Mode
 
 DISABLE_VOLTAGE = 0x00
 SHUTDOWN = 0x06
@@ -67,3 +69,39 @@ TOWARDS_ENABLED = {
     State.QUICK_STOP_ACTIVE: DISABLE_VOLTAGE,
 }
 """Control word that leads from each state one step towards OPERATION_ENABLED; others wait."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriveState:
+    """What a drive showed at ``time_ns``: status word, and mode display where it was shown."""
+
+    status: int
+    display: int
+    time_ns: int
+
+
+def decode(data: bytes) -> tuple[int, int | None]:
+    """Status word and mode display (None where absent) of a TPDO; raises Malformed."""
+    if len(data) < 2:
+        raise Malformed(f"a status PDO of {len(data)} bytes ({data.hex()}), expected 2 or more")
+    display = int.from_bytes(data[2:3], "little", signed=True) if len(data) > 2 else None
+    return int.from_bytes(data[:2], "little"), display
+
+
+def mode_of(state: State, display: int, torque: int) -> Mode:
+    """The mode of a drive.
+
+    Args:
+        state: its state.
+        display: mode of operation display.
+        torque: target torque last commanded; profile torque at 0 is a free joint.
+    """
+    if state in (State.FAULT, State.FAULT_REACTION):
+        return Mode.FAULT
+    if state not in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE):
+        return Mode.OFF
+    if display == Operation.PROFILE_POSITION:
+        return Mode.POSITION
+    if display == Operation.PROFILE_TORQUE:
+        return Mode.TORQUE if torque else Mode.FREE
+    return Mode.UNKNOWN

@@ -26,20 +26,19 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import ClassVar
 
 from pydantic import Field, model_validator
 
 from drivers.can_bus import Frame
 from drivers.canopen import cia402
-from drivers.canopen.cia402 import Operation, State, state_of
+from drivers.canopen.cia402 import DriveState, Operation, State, decode, mode_of, state_of
 from drivers.canopen.device import Identity, Wire
 from drivers.canopen.identity import identify
 from drivers.canopen.link import NMT, NMT_START, CanopenLink
 from drivers.canopen.sdo import Sdo
 from drivers.driver import DeviceSpec, Driver
-from drivers.errors import BadCommand, DeviceRefused, Malformed, OptionError
+from drivers.errors import BadCommand, DeviceRefused, OptionError
 from drivers.link import JointDrive
 from drivers.schedule import SECOND
 from drivers.tally import Tally
@@ -76,42 +75,6 @@ class JointOptions(Described):
                 f"{SHORTEST_HEARTBEAT_S} to 65.535"
             )
         return self
-
-
-@dataclass(frozen=True, slots=True)
-class DriveState:
-    """What a drive showed at ``time_ns``: status word, and mode display where it was shown."""
-
-    status: int
-    display: int
-    time_ns: int
-
-
-def decode(data: bytes) -> tuple[int, int | None]:
-    """Status word and mode display (None where absent) of a TPDO; raises Malformed."""
-    if len(data) < 2:
-        raise Malformed(f"a status PDO of {len(data)} bytes ({data.hex()}), expected 2 or more")
-    display = int.from_bytes(data[2:3], "little", signed=True) if len(data) > 2 else None
-    return int.from_bytes(data[:2], "little"), display
-
-
-def mode_of(state: State, display: int, torque: int) -> Mode:
-    """The mode of a drive.
-
-    Args:
-        state: its state.
-        display: mode of operation display.
-        torque: target torque last commanded; profile torque at 0 is a free joint.
-    """
-    if state in (State.FAULT, State.FAULT_REACTION):
-        return Mode.FAULT
-    if state not in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE):
-        return Mode.OFF
-    if display == Operation.PROFILE_POSITION:
-        return Mode.POSITION
-    if display == Operation.PROFILE_TORQUE:
-        return Mode.TORQUE if torque else Mode.FREE
-    return Mode.UNKNOWN
 
 
 class CanopenJoint:
@@ -157,6 +120,8 @@ class CanopenJoint:
     def start(self) -> None:
         """Have it watch the master and report its state; raises as `identify`."""
         with self._commanding:
+            # What interrupted it may have cost it its power, and its settings with that.
+            self._guarded = False
             self._guard()
         self._wire.send(NMT, bytes([NMT_START, self.node_id]))
 

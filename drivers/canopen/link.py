@@ -30,8 +30,9 @@ from canopen.emcy import EmcyError
 
 from drivers.can_bus import Bus, CanBus, Frame, connect
 from drivers.canopen.device import CanopenDevice
+from drivers.canopen.node_ids import master_id_of
 from drivers.canopen.sdo import SDO_LENGTH, Sdo
-from drivers.errors import DriverError, LinkBroken, LinkClosed, Malformed, OptionError
+from drivers.errors import DriverError, LinkBroken, LinkClosed, Malformed
 from drivers.faults import FaultKind, FaultThrottle
 from drivers.link import Clock, DeviceStatus, JointDrive, Losses
 from drivers.outage import LONGEST_WAIT_S, Outage
@@ -78,7 +79,7 @@ class CanopenLink:
             device.drive.joint: device.drive for device in devices if device.drive is not None
         }
         self._devices = tuple(devices)
-        self._master_id = _master_id(port, self._devices)
+        self._master_id = master_id_of(port.name, self._devices)
         self._clock = clock
         self._bus = CanBus(port, clock, connect)
         self._network = _Network(self.send)
@@ -237,7 +238,7 @@ class CanopenLink:
         if reopened is not None:
             self._pending.append(reopened)
             if self._started:
-                self._unready = dict.fromkeys(self._devices)
+                self._unready.update(dict.fromkeys(self._devices))
 
     def _send_due(self, now_ns: int) -> None:
         if self._heartbeat is not None and self._heartbeat.due(now_ns) and self._master_id:
@@ -288,11 +289,11 @@ class CanopenLink:
         self._pending.extend(node.emergency(code, frame.time_ns))
 
     def _take_boot_up(self, node: CanopenDevice, frame: Frame) -> None:
+        node.restarted()
         if not self._started:
             return
         text = f"{node.name} has restarted by itself; it is set up again"
         self._fault(frame.time_ns, node.name, FaultKind.RESTARTED, text)
-        node.restarted()
         self._unready[node] = None
 
     def _report_counts(self) -> None:
@@ -310,14 +311,14 @@ class CanopenLink:
             now_ns = self._clock.now_ns()
             if self._outage.lasts or (backoff is not None and now_ns < backoff.next_ns):
                 continue
+            # Taken off the list first: it may boot once more while it is being set up.
+            self._unready.pop(device, None)
             try:
                 device.start()
             except LinkBroken:
                 return
             except DriverError as error:
                 self._retry_later(device, backoff, error)
-            else:
-                self._unready.pop(device, None)
 
     def _retry_later(
         self, device: CanopenDevice, backoff: Backoff | None, error: DriverError
@@ -361,26 +362,3 @@ class CanopenLink:
         self._require_open()
         if self._outage.lasts:
             raise LinkBroken(f"port '{self.name}' is gone; it is being opened again")
-
-
-def _master_id(port: CanPort, devices: Sequence[CanopenDevice]) -> int | None:
-    """The one node id of the master that all drives agree on, or None where none heeds it."""
-    names: dict[int, str] = {}
-    for device in devices:
-        if device.node_id in names:
-            raise OptionError(
-                f"'{names[device.node_id]}' and '{device.name}' on port '{port.name}' both have "
-                f"node_id = {device.node_id}; node ids must differ"
-            )
-        names[device.node_id] = device.name
-    masters = {device.master_id: device.name for device in devices if device.master_id}
-    if len(masters) > 1:
-        given = ", ".join(f"{name}: {number}" for number, name in masters.items())
-        raise OptionError(f"the drives on port '{port.name}' disagree about master_id ({given})")
-    for number, name in masters.items():
-        if number in names:
-            raise OptionError(
-                f"master_id = {number} of '{name}' is the node_id of '{names[number]}'; "
-                f"choose a number that no device has"
-            )
-    return next(iter(masters), None)

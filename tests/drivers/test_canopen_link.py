@@ -318,6 +318,17 @@ def test_a_drive_reports_what_changes(slaves, make_link, pump_until):
     assert reports[0].joint == "joint1"
 
 
+def test_a_drive_that_restarts_is_guarded_again(slaves, make_link, pump_until):
+    slave = slaves(17, DRIVE)
+    link = make_link(joint(17))
+    link.start(HZ)
+    slave.node.set_data(0x1016, 1, bytes(4))
+    slave.send(0x711, b"\0")
+    (fault,) = pump_until(link, Fault)
+    assert (fault.source, fault.kind) == ("drive17", FaultKind.RESTARTED)
+    assert slave.node.get_data(0x1016, 1) == (127 << 16 | 1000).to_bytes(4, "little")
+
+
 def test_a_drive_that_cannot_watch_the_master_is_refused(slaves, make_link):
     slaves(17, {key: value for key, value in DRIVE.items() if key[0] != 0x1016})
     with pytest.raises(DeviceRefused, match="heartbeat_timeout_s = 0"):

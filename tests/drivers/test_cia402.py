@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.canopen.cia402 import State, state_of
-from drivers.canopen.joint import decode, mode_of
+from drivers.canopen.cia402 import State, decode, mode_of, state_of
 from drivers.errors import Malformed
 from recordings.events import Mode
 
