@@ -32,12 +32,14 @@ def explained() -> Iterator[None]:
     """Turn the rooms' errors into one message and exit code 2; anything else is a bug and keeps its traceback."""
     from daq.errors import DaqError
     from drivers.errors import DriverError
-    from sim_devices.errors import SimError
+    from sim_devices.errors import SimDevicesError
     from solver.errors import SolverError
 
     try:
         yield
-    except (RecordingsError, SolverError, DriverError, DaqError, SimError) as error:
+    except (RecordingsError, SolverError, DriverError, DaqError, SimDevicesError) as error:
         fail(str(error))
     except FileExistsError as error:
-        fail(f"{error.filename or error} exists already; choose another name, nothing was overwritten")
+        fail(
+            f"{error.filename or error} exists already; choose another name, nothing was overwritten"
+        )

@@ -5,7 +5,7 @@ from recordings.rig.mechanism import FREEDOMS, Joint, PlatformMechanism, SerialM
 from recordings.rig.parameters import Parameter, parameters
 from recordings.rig.plan import Plan, Visit, visits
 from recordings.rig.quantity import Quantity, Range
-from recordings.rig.rig import Rig, bundled_rigs, load_rig, parse_rig, rig_text
+from recordings.rig.rig import Rig, bundled_rigs, load_plan, load_rig, parse_rig, rig_text
 
 __all__ = [
     "FREEDOMS",
@@ -23,6 +23,7 @@ __all__ = [
     "SerialPort",
     "Visit",
     "bundled_rigs",
+    "load_plan",
     "load_rig",
     "parameters",
     "parse_rig",

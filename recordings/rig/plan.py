@@ -158,21 +158,35 @@ def visits(plan: Plan, poses: int | None = None) -> tuple[Visit, ...]:
 
 def _spread(corners: NDArray[np.float64], count: int, seed: int) -> NDArray[np.float64]:
     """``count`` low-discrepancy points of the convex hull of ``corners``, shape (count, drives)."""
-    # scipy is slow to import, and most uses of this room need none of it.
-    from scipy.spatial import Delaunay
-    from scipy.stats import qmc
-
     low, high = corners.min(axis=0), corners.max(axis=0)
-    halton = qmc.Halton(corners.shape[1], rng=np.random.default_rng(seed))
     if corners.shape[1] == 1:
-        line: NDArray[np.float64] = qmc.scale(halton.random(count), low, high)
+        line: NDArray[np.float64] = low + _additive(1, count, seed) * (high - low)
         return line
+    from scipy.spatial import Delaunay  # slow to import, and most uses of this room need none of it
+
     hull = Delaunay(corners)
-    inside = np.empty((0, corners.shape[1]))
-    while len(inside) < count:
-        points = qmc.scale(halton.random(2 * count), low, high)
-        inside = np.vstack([inside, points[hull.find_simplex(points) >= 0]])
-    return inside[:count]
+    drawn = 2 * count
+    while True:
+        points: NDArray[np.float64] = low + _additive(corners.shape[1], drawn, seed) * (high - low)
+        inside = points[hull.find_simplex(points) >= 0]
+        if len(inside) >= count:
+            return inside[:count]
+        drawn *= 2
+
+
+def _additive(dimensions: int, count: int, seed: int) -> NDArray[np.float64]:
+    """Points (count, dimensions) of the unit cube: multiples of 1/g, 1/g^2, ... modulo 1.
+
+    g solves g^(d+1) = g + 1, the golden ratio for d = 1 (Roberts, "The unreasonable
+    effectiveness of quasirandom sequences", 2018); the seed shifts the sequence.
+    """
+    g = 2.0
+    for _ in range(40):
+        g = (1.0 + g) ** (1.0 / (dimensions + 1))
+    start = np.random.default_rng(seed).random(dimensions)
+    steps = np.arange(1, count + 1)[:, None] * g ** -np.arange(1.0, dimensions + 1)
+    points: NDArray[np.float64] = (start + steps) % 1.0
+    return points
 
 
 def _short_path(points: NDArray[np.float64]) -> NDArray[np.float64]:

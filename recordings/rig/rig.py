@@ -10,7 +10,7 @@ import tomllib
 from collections import Counter
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -23,6 +23,15 @@ from recordings.rig.quantity import Described, fail
 
 Port = Annotated[CanPort | SerialPort, Field(discriminator="kind")]
 Mechanism = Annotated[SerialMechanism | PlatformMechanism, Field(discriminator="family")]
+
+
+_Kind = TypeVar("_Kind", bound=Described)
+
+
+class PlanFile(Described):
+    """A plan in a file of its own: the ``[plan]`` table of a rig, alone."""
+
+    plan: Plan
 
 
 class Rig(Described):
@@ -145,15 +154,19 @@ def parse_rig(text: str, source: str = "rig") -> Rig:
     Raises:
         RigError: not TOML, or not a valid rig; the message has a line for each fault.
     """
+    return _parse(Rig, text, source, "rig description")
+
+
+def _parse(kind: type[_Kind], text: str, source: str, what: str) -> _Kind:
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise RigError(f"{source} is not a TOML file: {error}") from error
     try:
-        return Rig.model_validate(table)
+        return kind.model_validate(table)
     except ValidationError as error:
         lines = [f"  {_where(fault['loc'], table)}{_what(fault)}" for fault in _faults(error)]
-        raise RigError(f"{source} is not a valid rig description:\n" + "\n".join(lines)) from error
+        raise RigError(f"{source} is not a valid {what}:\n" + "\n".join(lines)) from error
 
 
 def _faults(error: ValidationError) -> list[Any]:
@@ -228,19 +241,28 @@ def rig_text(rig: str) -> tuple[str, str]:
         bundled = resources.files("recordings.rig") / "bundled" / f"{rig}.toml"
         return bundled.read_bytes().decode("utf-8"), f"bundled rig '{rig}'"
     path = Path(rig)
-    try:
-        # As bytes, because a recording carries the file exactly, line ends included.
-        return path.read_bytes().decode("utf-8"), str(path)
-    except FileNotFoundError as error:
+    if not path.exists():
         raise RigError(
             f"there is no rig file '{rig}', and no bundled rig of that name; "
             f"bundled rigs: {', '.join(bundled_rigs())}"
-        ) from error
+        )
+    return _read(path, "rig file"), str(path)
+
+
+def _read(path: Path, what: str) -> str:
+    """The text of a file, byte for byte."""
+    try:
+        return path.read_bytes().decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise RigError(f"cannot read the rig file '{rig}': {error}") from error
+        raise RigError(f"cannot read the {what} '{path}': {error}") from error
 
 
 def load_rig(rig: str) -> Rig:
     """A rig by path or by the name of a bundled one; raises RigError."""
     text, source = rig_text(rig)
     return parse_rig(text, source)
+
+
+def load_plan(path: Path) -> Plan:
+    """The plan in a plan file; raises RigError."""
+    return _parse(PlanFile, _read(path, "plan file"), str(path), "plan file").plan

@@ -1,0 +1,5 @@
+"""`python -m loopcal` is the `loopcal` command."""
+
+from loopcal.cli import main
+
+main()

@@ -1,0 +1,180 @@
+"""`loopcal capture`: arming, a live view of the session, and what it left behind."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import typer
+from rich.console import Group, RenderableType
+from rich.live import Live
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bar
+from rich.table import Table
+from rich.text import Text
+
+from daq import CaptureOptions, CaptureSummary, Ending, Progress, capture
+from daq.clock import HostClock
+from drivers import make_links
+from loopcal.console import err, out
+from recordings.rig import Plan, Rig, load_plan, parse_rig, rig_text
+
+
+def run_capture(
+    name: str,
+    output: Path,
+    *,
+    plan: Path | None,
+    poses: int | None,
+    ports: Mapping[str, str],
+    arm: bool,
+    operator: str,
+    notes: str,
+    limit_s: float | None,
+) -> bool:
+    """Run a session in the foreground; whether it ended well (complete, or stopped by the operator)."""
+    text, source = rig_text(name)
+    rig = parse_rig(text, source)
+    clock = HostClock()
+    with _View() as view:
+        summary = capture(
+            rig,
+            text,
+            output,
+            links=make_links(rig, clock, ports),
+            clock=clock,
+            arm=(lambda joints: True) if arm else view.ask,
+            on_progress=view.show,
+            operator=operator,
+            notes=notes,
+            plan_override=_plan(rig, plan, poses),
+            options=CaptureOptions(max_duration_s=limit_s),
+        )
+    show_summary(summary)
+    return summary.ending is not Ending.FAILED
+
+
+def _plan(rig: Rig, path: Path | None, poses: int | None) -> Plan | None:
+    """The plan to execute: the rig's or a file's, with another number of poses where asked for."""
+    plan = rig.plan if path is None else load_plan(path)
+    return plan if plan is None or poses is None else plan.model_copy(update={"poses": poses})
+
+
+class _View:
+    """The session on the terminal: phase and hint, a bar of stops, rates and losses of every channel.
+
+    On anything but a terminal it prints a line whenever a tenth of the stops is done.
+    """
+
+    def __init__(self) -> None:
+        self._bar = Bar(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            console=out,
+        )
+        self._task = self._bar.add_task("stops", total=None)
+        self._live = Live(console=out, refresh_per_second=8, transient=True)
+        self._tenth = -1
+
+    def __enter__(self) -> _View:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live.is_started:
+            self._live.stop()
+
+    def ask(self, joints: tuple[str, ...]) -> bool:
+        """Ask the operator to arm; without a terminal nobody can agree."""
+        if not out.is_terminal:
+            err.print(
+                f"loopcal: {', '.join(joints)} are real drives; arm them with --arm", markup=False
+            )
+            return False
+        out.print(
+            f"The session will move [bold]{', '.join(joints)}[/bold]. Keep clear of the mechanism."
+        )
+        return typer.confirm("Arm the drives?", default=False)
+
+    def show(self, progress: Progress) -> None:
+        """Draw a snapshot."""
+        if not out.is_terminal:
+            self._print(progress)
+            return
+        if not self._live.is_started:
+            self._live.start()
+        self._bar.update(self._task, total=progress.stops, completed=progress.dwells)
+        table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+        for column in ("channel", "rate", "received", "lost"):
+            table.add_column(column, justify="left" if column == "channel" else "right")
+        for channel in progress.channels:
+            lost = Text(str(channel.lost), style="red" if channel.lost else "")
+            table.add_row(channel.name, f"{channel.rate_hz:.0f} Hz", str(channel.received), lost)
+        lines: list[RenderableType] = [
+            Text(f"{progress.phase}: {progress.hint}", style="bold"),
+            self._bar,
+            table,
+        ]
+        if progress.latest_fault is not None:
+            fault = progress.latest_fault
+            lines.append(
+                Text(
+                    f"{progress.faults} faults, latest at {fault.source}: {fault.text}",
+                    style="yellow",
+                )
+            )
+        self._live.update(Group(*lines))
+
+    def _print(self, progress: Progress) -> None:
+        tenth = 10 * progress.dwells // max(progress.stops, 1)
+        if tenth != self._tenth:
+            self._tenth = tenth
+            lost = sum(channel.lost for channel in progress.channels)
+            out.print(
+                f"{progress.dwells} of {progress.stops} stops after {progress.elapsed_s:.0f} s, {lost} readings lost",
+                markup=False,
+            )
+            out.file.flush()
+
+
+def show_summary(summary: CaptureSummary) -> None:
+    """Print what was recorded and what was lost."""
+    style = {Ending.COMPLETE: "green", Ending.STOPPED: "yellow", Ending.FAILED: "red"}[
+        summary.ending
+    ]
+    why = f": {summary.why}" if summary.why else ""
+    out.print(Text(f"session {summary.ending}{why}", style=style), soft_wrap=True)
+    out.print(
+        f"{summary.path}: {len(summary.dwells)} dwells at {summary.poses} poses in {summary.duration_s:.1f} s",
+        markup=False,
+        soft_wrap=True,
+    )
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for column in (
+        "channel",
+        "expected",
+        "received",
+        "lost by device",
+        "lost by host",
+        "lost in gaps",
+        "unaccounted",
+    ):
+        table.add_column(column, justify="left" if column == "channel" else "right")
+    for name, entry in summary.ledger.items():
+        losses = (
+            entry.dropped_by_device,
+            entry.dropped_by_host,
+            entry.lost_in_gaps,
+            entry.unaccounted,
+        )
+        cells = [Text(str(loss), style="red" if loss else "") for loss in losses]
+        table.add_row(name, str(entry.expected), str(entry.received), *cells)
+    out.print(table)
+    for fault in summary.faults[:10]:
+        out.print(
+            Text(f"fault at {fault.source} ({fault.kind}): {fault.text}", style="yellow"),
+            soft_wrap=True,
+        )
+    if len(summary.faults) > 10:
+        out.print(f"and {len(summary.faults) - 10} more faults, all in the recording", markup=False)

@@ -1,0 +1,244 @@
+"""The `loopcal` command: every verb, its options, and nothing else.
+
+Each verb reads its input, calls one room, and prints what came back.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from loopcal.console import explained, out
+
+app = typer.Typer(
+    name="loopcal",
+    help="A robot calibrates itself from its own joint sensors, by closing a kinematic loop.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    rich_markup_mode="rich",
+)
+rig_app = typer.Typer(help="Look at rig descriptions.", no_args_is_help=True)
+app.add_typer(rig_app, name="rig")
+
+RigArgument = Annotated[
+    str,
+    typer.Argument(metavar="RIG", help="A rig file, or the name of a bundled rig (arm, shoulder)."),
+]
+PortOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--port", metavar="NAME=PATH", help="Use PATH for the rig's port NAME. May be repeated."
+    ),
+]
+HideOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--hide",
+        metavar="NAME@WHERE=SIZE",
+        help="Hide an effect in nature, such as nonlinearity@q6=2%, or 'random'. May be repeated.",
+    ),
+]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of all that is random.")]
+TruthOption = Annotated[
+    Path | None,
+    typer.Option("--truth", metavar="FILE", help="Write what nature really is to FILE."),
+]
+
+
+@rig_app.command("check")
+def rig_check(rig: RigArgument) -> None:
+    """Show a rig's mobility, sensors and parameters, and find mistakes before hardware is touched."""
+    from loopcal.rig_view import show_check
+
+    with explained():
+        mistakes = show_check(rig)
+    if mistakes:
+        raise typer.Exit(1)
+
+
+@rig_app.command("list")
+def rig_list() -> None:
+    """List the bundled rigs."""
+    from recordings.rig import bundled_rigs, load_rig
+
+    for name in bundled_rigs():
+        out.print(f"{name:12} {load_rig(name).title}", markup=False)
+
+
+@rig_app.command("show")
+def rig_show(rig: RigArgument) -> None:
+    """Print a rig's file, as a start for your own."""
+    from recordings.rig import rig_text
+
+    with explained():
+        out.file.write(rig_text(rig)[0])
+
+
+@app.command()
+def sim(
+    rig: RigArgument,
+    port: PortOption = None,
+    hide: HideOption = None,
+    seed: SeedOption = 1,
+    truth: TruthOption = None,
+) -> None:
+    """Run the rig's devices virtually, on real ports, until Ctrl-C."""
+    from loopcal.bench import run_sim
+
+    with explained():
+        run_sim(rig, _ports(port), tuple(hide or ()), seed, truth)
+
+
+@app.command()
+def simulate(
+    rig: RigArgument,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE", help="Recording to write.")
+    ],
+    poses: Annotated[
+        int | None,
+        typer.Option("--poses", min=1, help="Distinct poses, in place of the plan's own number."),
+    ] = None,
+    seed: SeedOption = 1,
+    hide: HideOption = None,
+    truth: TruthOption = None,
+) -> None:
+    """Write the recording that a capture of the rig would, without wires and without waiting."""
+    from recordings.rig import parse_rig, rig_text
+    from sim_devices.simulate import simulate as run
+
+    with explained():
+        text, source = rig_text(rig)
+        run(
+            parse_rig(text, source),
+            text,
+            output,
+            poses=poses,
+            seed=seed,
+            hide=tuple(hide or ()),
+            truth_path=truth,
+        )
+    out.print(f"wrote {output}", markup=False)
+
+
+@app.command()
+def capture(
+    rig: RigArgument,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE", help="Recording to write.")
+    ],
+    plan: Annotated[
+        Path | None,
+        typer.Option(
+            "--plan", metavar="PLAN", help="Plan file to execute in place of the rig's own."
+        ),
+    ] = None,
+    poses: Annotated[
+        int | None,
+        typer.Option("--poses", min=1, help="Distinct poses, in place of the plan's own number."),
+    ] = None,
+    port: PortOption = None,
+    arm: Annotated[
+        bool,
+        typer.Option(
+            "--arm", help="Arm real drives without asking. Virtual drives need no arming."
+        ),
+    ] = False,
+    operator: Annotated[str, typer.Option(help="Who runs the session, for the record.")] = "",
+    notes: Annotated[str, typer.Option(help="Remarks, for the record.")] = "",
+    limit: Annotated[
+        float | None,
+        typer.Option("--limit", metavar="SECONDS", help="End the session after this time."),
+    ] = None,
+) -> None:
+    """Run a capture session and record it. Ctrl-C ends it cleanly."""
+    from loopcal.capturing import run_capture
+
+    with explained():
+        ended_well = run_capture(
+            rig,
+            output,
+            plan=plan,
+            poses=poses,
+            ports=_ports(port),
+            arm=arm,
+            operator=operator,
+            notes=notes,
+            limit_s=limit,
+        )
+    if not ended_well:
+        raise typer.Exit(1)
+
+
+@app.command()
+def solve(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A loopcal recording.")],
+    poses: Annotated[
+        int, typer.Option("-n", "--poses", min=1, help="How many poses to use: the best of all.")
+    ] = 50,
+    method: Annotated[
+        str | None, typer.Option("--method", help="ml (default), hinge, or multi-loop.")
+    ] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON.")
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option("--report", metavar="FILE", help="Write an HTML report.")
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option("--truth", metavar="FILE", help="Show a truth file beside the estimate."),
+    ] = None,
+) -> None:
+    """Calibrate: recording in, parameters with uncertainty out."""
+    from loopcal.solving import run_solve
+
+    with explained():
+        converged = run_solve(
+            file, poses=poses, method=method, json_file=json_file, report=report, truth=truth
+        )
+    if not converged:
+        raise typer.Exit(1)
+
+
+@app.command()
+def demo(
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", metavar="FOLDER", help="Where recordings and reports go."),
+    ] = Path("demo-output"),
+) -> None:
+    """Both papers' mechanisms end to end: virtual devices, capture, solve, report."""
+    from loopcal.demo import run_demo
+
+    with explained():
+        run_demo(output)
+
+
+def _ports(given: list[str] | None) -> dict[str, str]:
+    ports = {}
+    for item in given or ():
+        name, equals, path = item.partition("=")
+        if not (name and equals and path):
+            raise typer.BadParameter(f"'{item}' is not NAME=PATH", param_hint="--port")
+        ports[name] = path
+    return ports
+
+
+@app.callback(invoke_without_command=True)
+def _version(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
+    if version:
+        from importlib.metadata import version as installed
+
+        out.print(f"loopcal {installed('loopcal')}", markup=False)
+        raise typer.Exit
+
+
+def main() -> None:
+    """Entry point of the `loopcal` command."""
+    app()

@@ -1,0 +1,79 @@
+"""What `loopcal rig check` prints."""
+
+from __future__ import annotations
+
+from rich.table import Table
+
+from loopcal.console import err, out
+from recordings.rig import Rig, SerialMechanism, load_rig, parameters
+from solver.rig_check import RigCheck, check_rig
+
+
+def show_check(name: str) -> bool:
+    """Print the findings about a rig; whether it has mistakes."""
+    rig = load_rig(name)
+    found = check_rig(rig)
+    mistakes = [*found.mistakes, *_device_mistakes(rig)]
+    out.print(f"[bold]{rig.title or rig.name}[/bold]")
+    if rig.description:
+        out.print(rig.description, markup=False)
+    out.print(_facts(rig, found))
+    out.print(_identified(rig))
+    for text in found.remarks:
+        out.print(f"remark: {text}", markup=False, soft_wrap=True)
+    for text in mistakes:
+        err.print(f"mistake: {text}", style="red", markup=False, soft_wrap=True)
+    if not mistakes:
+        out.print("no mistakes found", style="green")
+    return bool(mistakes)
+
+
+def _device_mistakes(rig: Rig) -> list[str]:
+    """What the drivers say about their devices' options, without opening anything."""
+    from daq.clock import HostClock
+    from drivers import DriverError, make_links
+
+    try:
+        make_links(rig, HostClock())
+    except DriverError as error:
+        return [str(error)]
+    return []
+
+
+def _facts(rig: Rig, found: RigCheck) -> Table:
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    mechanism = rig.mechanism
+    if isinstance(mechanism, SerialMechanism):
+        kind = f"serial chain of {len(mechanism.joints)} joints, closed by constraint '{mechanism.closure.constraint}'"
+    else:
+        kind = f"platform, {mechanism.plate} plate, {len(mechanism.legs)} legs"
+    table.add_row("mechanism", kind)
+    table.add_row("mobility", f"{found.mobility}")
+    table.add_row(
+        "sensed", ", ".join(f"{place} by {channel}" for place, channel in found.sensed.items())
+    )
+    table.add_row("unsensed", ", ".join(found.unsensed) or "nothing")
+    table.add_row("equations", f"{found.redundancy} a pose for {len(found.identified)} unknowns")
+    if found.identifiability is not None:
+        table.add_row(
+            "rank", f"{found.identifiability.rank} of {len(found.identified)} at generic poses"
+        )
+    if rig.plan is not None:
+        drives = f", driving {' and '.join(rig.plan.drives)}" if rig.plan.drives else ""
+        table.add_row(
+            "plan", f"{rig.plan.mode}, {rig.plan.poses} poses{drives}, {rig.plan.sample:g} Hz"
+        )
+    return table
+
+
+def _identified(rig: Rig) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table.add_column("to identify")
+    table.add_column("nominal", justify="right")
+    table.add_column("uncertainty", justify="right")
+    table.add_column("unit")
+    for p in parameters(rig):
+        if p.identify:
+            uncertainty = "" if p.uncertainty is None else f"{p.uncertainty / p.to_si:g}"
+            table.add_row(p.name, f"{p.nominal / p.to_si:g}", uncertainty, p.unit)
+    return table
