@@ -84,6 +84,7 @@ def render(
     expected = expected_residuals(
         solution.model, solution.table, solution.after.coordinates, estimate.parameters
     )
+    methods = [estimate.method, *(other.method for other in solution.beside)]
     jacobians = judged(solution)
     before, after = solution.closure_before, solution.closure_after
     identified = set(space.names)
@@ -103,13 +104,13 @@ def render(
         acceptable=ACCEPTABLE_CONDITION,
         jacobians=jacobians,
         channels=channel_summaries(solution, expected),
-        changes=changes(rows, estimate.method, [other.method for other in solution.beside]),
+        changes=changes(rows, methods[0], methods[1:]),
         residuals=residuals(solution, expected),
         closures=None
         if before is None or after is None
         else closures(before, after, solution.selection.poses),
         selected=selected(solution),
-        singular_values=singular_values(jacobians, ACCEPTABLE_CONDITION),
+        singular_values=singular_values(jacobians, methods, ACCEPTABLE_CONDITION),
         recording=recording,
         session={} if recording is None else to_metadata(recording.session),
         software=SOFTWARE,

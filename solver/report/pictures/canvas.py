@@ -44,6 +44,9 @@ _VARIABLES = {
     TRUTH: "truth",
 }
 
+MARKERS = ("o", "D", "s", "^", "v")
+"""Of the methods: the chosen one's first, then those beside it in their order."""
+
 WIDTH = 9.0  # inches; 72 SVG points each
 
 _LOOK: dict[Any, Any] = {  # matplotlib types its keys one by one
@@ -121,7 +124,9 @@ def decades(axes: Axes) -> None:
     """A logarithmic vertical scale with a plain number at each power of ten."""
     axes.set_yscale("log")
     axes.yaxis.set_major_locator(LogLocator(10.0, numticks=8))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: figures(value, 1)))
+    axes.yaxis.set_major_formatter(
+        FuncFormatter(lambda value, _: figures(value, 1).removeprefix("1×"))
+    )
     axes.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
     axes.grid(True, axis="y")
 

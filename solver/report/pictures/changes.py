@@ -15,6 +15,7 @@ from solver.report.pictures.canvas import (
     BAND,
     BESIDE,
     INK,
+    MARKERS,
     PAPER,
     RULE,
     TRUTH,
@@ -23,7 +24,6 @@ from solver.report.pictures.canvas import (
     picture,
 )
 
-_MARKERS = ("D", "s", "^", "v")
 _LINEAR = 3.0  # standard errors up to which the scale is linear; beyond, it is logarithmic
 _FARTHEST = 1e4  # standard errors; what lies beyond is drawn at the edge
 
@@ -136,7 +136,8 @@ def _from_estimate(axes: Axes, group: Sequence[Compared], reach: float) -> None:
     axes.axvline(0.0, color=AFTER, linewidth=1.0)
     for y, row in enumerate(group):
         shown = [
-            (other, _MARKERS[k % len(_MARKERS)], BESIDE, 0.16) for k, other in enumerate(row.beside)
+            (other, MARKERS[(k + 1) % len(MARKERS)], BESIDE, 0.16)
+            for k, other in enumerate(row.beside)
         ]
         for other, marker, colour, lift in shown:
             at = row.in_errors(other.value - row.estimate.value)
@@ -173,7 +174,7 @@ def _legend(
             [],
             [],
             color=BESIDE,
-            marker=_MARKERS[k % len(_MARKERS)],
+            marker=MARKERS[(k + 1) % len(MARKERS)],
             markersize=5,
             markerfacecolor=PAPER,
             label=name,

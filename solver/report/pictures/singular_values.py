@@ -12,6 +12,7 @@ from solver.report.pictures.canvas import (
     AFTER,
     BESIDE,
     INK,
+    MARKERS,
     PAPER,
     Picture,
     canvas,
@@ -19,14 +20,15 @@ from solver.report.pictures.canvas import (
     picture,
 )
 
-_MARKERS = ("o", "D", "s", "^", "v")
 
-
-def singular_values(jacobians: Sequence[Judged], acceptable: float) -> Picture:
+def singular_values(
+    jacobians: Sequence[Judged], methods: Sequence[str], acceptable: float
+) -> Picture:
     """Singular values of each of ``jacobians``, the one that judges the poses first.
 
     Args:
         jacobians: their observability.
+        methods: names of the methods, the chosen one first.
         acceptable: the largest scaled condition number that counts as acceptable.
     """
     raw, scaled = [one.raw for one in jacobians], [one.scaled for one in jacobians]
@@ -34,15 +36,17 @@ def singular_values(jacobians: Sequence[Judged], acceptable: float) -> Picture:
         left, right = figure.subplots(1, 2)
         for axes, of in ((left, raw), (right, scaled)):
             for k, (jacobian, one) in enumerate(zip(jacobians, of, strict=True)):
+                place = methods.index(jacobian.method)
+                colour = AFTER if place == 0 else BESIDE
                 values = np.where(one.singular_values > 0, one.singular_values, np.nan)
                 axes.plot(
                     np.arange(1, len(values) + 1),
                     values,
-                    marker=_MARKERS[k % len(_MARKERS)],
+                    marker=MARKERS[place % len(MARKERS)],
                     markersize=4.2,
                     linewidth=0.8,
-                    color=AFTER if k == 0 else BESIDE,
-                    markerfacecolor=AFTER if k == 0 else PAPER,
+                    color=colour,
+                    markerfacecolor=colour if k == 0 else PAPER,
                     label=f"{jacobian.method}: {jacobian.residual}",
                 )
             axes.set_xlabel("number, largest first")
