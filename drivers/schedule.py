@@ -9,8 +9,15 @@ from __future__ import annotations
 SECOND = 1_000_000_000
 
 
+PATIENCE_S = 0.1
+"""Instants at most this late are still served, in a row; what is later is given up."""
+
+
 class Schedule:
     """The instants start, start + 1/rate, start + 2/rate, ...
+
+    A host that was held up for some milliseconds takes the samples then, each with the time
+    at which it really came, rather than losing them.
 
     Args:
         rate_hz: instants a second, above 0.
@@ -23,6 +30,7 @@ class Schedule:
         self._period_ns = SECOND / rate_hz
         self._start_ns = start_ns
         self._served = 0
+        self._patience = int(PATIENCE_S * rate_hz)
 
     @property
     def next_ns(self) -> int:
@@ -30,7 +38,7 @@ class Schedule:
         return self._instant(self._served)
 
     def due(self, now_ns: int) -> int:
-        """How many instants have come since the last call, ``now_ns`` included."""
+        """How many instants end with this call: 0 when none has come, 1 to serve one, more when the older ones are given up."""
         if now_ns < self.next_ns:
             return 0
         reached = int((now_ns - self._start_ns) / self._period_ns)
@@ -38,7 +46,8 @@ class Schedule:
             reached += 1
         while self._instant(reached) > now_ns:
             reached -= 1
-        count = reached + 1 - self._served
+        waiting = reached + 1 - self._served
+        count = max(1, waiting - self._patience)
         self._served += count
         return count
 

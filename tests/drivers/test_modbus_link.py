@@ -325,9 +325,9 @@ def test_a_converter_without_a_counter(make_link, adc, run):
 def test_instants_that_the_host_missed_are_a_gap(make_link, adc, run, clock):
     link = make_link(Wire(Adc()), adc())
     run(link, 1)
-    clock.advance(9 * STEP_S)
-    run(link, 1)
-    assert link.losses()["d1"] == Losses(11, 0, 9, 1)
+    clock.advance(19 * STEP_S)
+    run(link, 6)  # 20 instants are waiting, 5 of them not too late to be served
+    assert link.losses()["d1"] == Losses(21, 0, 14, 1)
 
 
 def test_two_devices_on_one_line(make_link, adc, run):
