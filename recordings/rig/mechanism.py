@@ -89,17 +89,26 @@ class Closure(Described):
 class SerialMechanism(Described):
     """A chain of joints that ends where it starts: the product of all joint transforms is I.
 
-    Unsensed joints (a hinge in the fixture) are joints of the chain without a channel.
+    Unsensed joints (a hinge in the fixture) are joints of the chain without a channel. The
+    arm's base frame lies behind the joint called ``base``, or at the start of the chain.
     """
 
     family: Literal["serial"]
     joints: tuple[Joint, ...] = Field(alias="joint", min_length=1)
     closure: Closure = Closure()
+    base: str | None = None
 
     @property
     def places(self) -> tuple[str, ...]:
         """What a channel of this mechanism can sense."""
         return tuple(joint.name for joint in self.joints)
+
+    @model_validator(mode="after")
+    def _base_is_a_joint(self) -> SerialMechanism:
+        names = [joint.name for joint in self.joints]
+        if self.base is not None and self.base not in names:
+            raise fail(f"'base' is '{self.base}', expected one of: {', '.join(names)}")
+        return self
 
     def dimension_of(self, place: str) -> str:
         """What a channel at ``place`` measures."""

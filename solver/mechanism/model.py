@@ -40,6 +40,23 @@ class Linearised:
     closure_by_parameters: Array
 
 
+@dataclass(frozen=True, slots=True)
+class EndPose:
+    """Where the arm's endpoint or the plate is, in the base frame, at P poses.
+
+    Attributes:
+        rotation: (P, 3, 3), base from end.
+        position: (P, 3) [m].
+        by_coordinates: (P, 6, U), rates of [dp; domega] in the base frame.
+        by_parameters: (P, 6, n), likewise along n directions in parameter space.
+    """
+
+    rotation: Array
+    position: Array
+    by_coordinates: Array
+    by_parameters: Array
+
+
 class Model(Protocol):
     """A mechanism with its sensors."""
 
@@ -61,6 +78,10 @@ class Model(Protocol):
             parameters: (N,).
             directions: (N, n), the directions in parameter space to differentiate along.
         """
+        ...
+
+    def end_pose(self, coordinates: Array, parameters: Array, directions: Array) -> EndPose:
+        """Endpoint or plate at ``coordinates`` (P, U), with derivatives as `linearise` gives them."""
         ...
 
     def starts(self, readings: Array, parameters: Array) -> Array:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from recordings.rig import Parameter, PlatformMechanism, Rig, parameters
 from solver.errors import MechanismError
-from solver.mechanism.model import Linearised
+from solver.mechanism.model import EndPose, Linearised
 from solver.mechanism.rotation import exponential, left_jacobian, skew
 from solver.mechanism.sensing import Sensing
 
@@ -93,8 +93,8 @@ class PlatformModel:
         rotation = np.tile(self.neutral_rotation, (poses, 1, 1))
         if self.turns:
             rotation = exponential(coordinates[:, :3]) @ rotation
-        position = coordinates[:, -3:] if self.shifts else np.zeros((poses, 3))
-        return rotation, position + self.neutral_position
+        moved = coordinates[:, -3:] if self.shifts else np.zeros((poses, 3))
+        return rotation, self.neutral_position + moved
 
     def linearise(self, coordinates: Array, parameters: Array, directions: Array) -> Linearised:
         """Predictions and derivatives at ``coordinates`` (P, U) and ``parameters`` (N,), along (N, n)."""
@@ -124,6 +124,17 @@ class PlatformModel:
             np.zeros((poses, 0, size)),
             np.zeros((poses, 0, directions.shape[1])),
         )
+
+    def end_pose(self, coordinates: Array, parameters: Array, directions: Array) -> EndPose:
+        """The plate in the base frame; no parameter moves it at fixed coordinates."""
+        rotation, position = self.plate_pose(coordinates)
+        by_coordinates = np.zeros((len(coordinates), 6, coordinates.shape[1]))
+        if self.turns:
+            by_coordinates[:, 3:, :3] = left_jacobian(coordinates[:, :3])
+        if self.shifts:
+            by_coordinates[:, :3, -3:] = np.eye(3)
+        still = np.zeros((len(coordinates), 6, directions.shape[1]))
+        return EndPose(rotation, position, by_coordinates, still)
 
     def starts(self, readings: Array, parameters: Array) -> Array:
         """(S, P, U) coordinates: the neutral pose, then plates turned or moved in each direction."""

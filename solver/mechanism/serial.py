@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from recordings.rig import Parameter, Rig, SerialMechanism, parameters
 from solver.errors import MechanismError
 from solver.mechanism.chain import Chain, Motion
-from solver.mechanism.model import Linearised
+from solver.mechanism.model import EndPose, Linearised
 from solver.mechanism.rotation import log_rate, logarithm
 from solver.mechanism.sensing import Sensing
 
@@ -40,6 +40,8 @@ class SerialModel:
         coordinate_of: (M, U), 1 where a motion follows a coordinate.
         parameter_of: (M,) index of each motion's parameter, or -1.
         homes: (U,) coordinates near which the mechanism is assembled.
+        base: number of motions before the base frame.
+        end: number of motions before the endpoint; free endpoint freedoms come after it.
     """
 
     chain: Chain
@@ -50,6 +52,8 @@ class SerialModel:
     coordinate_of: Array
     parameter_of: NDArray[np.intp]
     homes: Array
+    base: int
+    end: int
 
     @classmethod
     def of(cls, rig: Rig, table: tuple[Parameter, ...] | None = None) -> SerialModel:
@@ -66,6 +70,7 @@ class SerialModel:
         table = parameters(rig) if table is None else table
         index = {parameter.name: i for i, parameter in enumerate(table)}
         motions: list[Motion] = []
+        base = 0
         for u, joint in enumerate(mechanism.joints):
             turning = joint.type == "revolute"
             part = {
@@ -77,6 +82,9 @@ class SerialModel:
                 Motion("shift", 0, part["a"]),
                 Motion("turn", 0, part["alpha"]),
             ]
+            if joint.name == mechanism.base:
+                base = len(motions)
+        end = len(motions)
         names = [joint.name for joint in mechanism.joints]
         homes = [joint.home.nominal for joint in mechanism.joints]
         freedoms = mechanism.closure.freedoms
@@ -107,6 +115,8 @@ class SerialModel:
             coordinate_of,
             np.array([motion.parameter for motion in motions], dtype=np.intp),
             np.array(homes),
+            base,
+            end,
         )
 
     @property
@@ -151,6 +161,17 @@ class SerialModel:
             rates = rates.copy()
             rates[:, 3:] = log_rate(error[:, 3:]) @ rates[:, 3:]
         return error[:, self.rows], rates[:, self.rows]
+
+    def end_pose(self, coordinates: Array, parameters: Array, directions: Array) -> EndPose:
+        """End of the chain in the base frame, which lies behind the rig's base joint."""
+        reached = Chain(self.chain.motions[self.base : self.end]).reach(coordinates, parameters)
+        part = slice(self.base, self.end)
+        return EndPose(
+            reached.rotation,
+            reached.position,
+            reached.screws @ self.coordinate_of[part],
+            reached.screws @ self.along(directions)[part],
+        )
 
     def starts(self, readings: Array, parameters: Array) -> Array:
         """(S, P, U) coordinates: sensed ones from ``readings`` (P, C), unsensed ones around the circle."""
