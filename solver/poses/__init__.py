@@ -1,1 +1,1 @@
-"""Which poses tell most: selection with a certificate."""
+"""Which poses to visit and to use: closed configurations, selection with a certificate, planning."""
