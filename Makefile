@@ -4,13 +4,13 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check lint format types contracts lock samples clean
+.PHONY: demo test check lint format types contracts lock samples proto clean
 
 demo: $(VENV)/.run-ready  ## both mechanisms: virtual devices, capture, solve, report
 	$(BIN)/loopcal demo
 
 test: $(VENV)/.dev-ready  ## the tests
-	$(BIN)/pytest -n auto
+	$(BIN)/pytest -n auto --dist loadfile
 
 check: lint types contracts test  ## what CI runs
 
@@ -51,3 +51,13 @@ lock:  ## renew the locked dependencies (needs uv)
 
 clean:
 	rm -rf $(VENV) demo-output
+
+samples: $(VENV)/.run-ready  ## write recordings/samples again
+	rm -f recordings/samples/*.mcap recordings/samples/*.json
+	for rig in arm shoulder; do \
+		$(BIN)/loopcal simulate $$rig -o recordings/samples/$$rig.mcap --seed 2026 \
+			--truth recordings/samples/$$rig.truth.json || exit 1; \
+	done
+
+proto: $(VENV)/.dev-ready  ## generate the protobuf code; see the head of recordings/messages.proto
+	$(BIN)/python -m grpc_tools.protoc -I. --python_out=. --pyi_out=. recordings/messages.proto
