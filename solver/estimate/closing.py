@@ -8,6 +8,8 @@ true coordinates would creep; the likelihood then takes over.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,11 +21,18 @@ from solver.mechanism.space import ParameterSpace
 Array = NDArray[np.float64]
 
 _INNER = 20
-_AT_REST = 1e-7  # rad or m
+_AT_REST = 1e-6  # rad or m
+_CLOSES_TO = 1e-3  # rad or m: closure error that weighs as much as one prior standard deviation
+_ROUNDING = 1e-12
 
 
 def approach(
-    model: SerialModel, space: ParameterSpace, observed: Observations, start: Array
+    model: SerialModel,
+    space: ParameterSpace,
+    observed: Observations,
+    start: Array,
+    *,
+    use_priors: bool = False,
 ) -> tuple[Array, Array]:
     """Parameters (N,) and coordinates (P, U) near which the loops close.
 
@@ -32,45 +41,92 @@ def approach(
         space: what is identified.
         observed: averaged readings of P poses.
         start: (N,) full parameters to start from.
+        use_priors: hold the parameters near their nominal values by the rig's stated
+            uncertainties, so that what closure does not determine stays where it is.
     """
     counts = observed.counts
+    mean, width = space.reduce(space.nominal), space.uncertainty
+    believed = np.isfinite(width) if use_priors else np.zeros(len(width), dtype=bool)
+    pull = _CLOSES_TO * np.eye(len(width))[believed] / width[believed, None]
 
-    def evaluate(z: Array, state: Array | None) -> Evaluation[Array]:
+    def evaluate(z: Array, state: _Closed | None) -> Evaluation[_Closed]:
         parameters = space.expand(z, start)
-        u = _nearest_start(model, counts, parameters) if state is None else state.copy()
+        if state is None:
+            u = _nearest_start(model, observed, parameters)
+        else:
+            u = state.coordinates.copy()
+            u[:, model.unsensed] += np.clip(state.following @ (z - state.variables), -0.5, 0.5)
         u[:, model.sensed] = model.sensing.values(counts, parameters)
-        return _evaluation(model, space, counts, parameters, u)
+        found = _evaluation(model, space, observed, z, parameters, u)
+        distances, by_parameters = model.pseudo_observations(parameters, space.expansion)
+        return Evaluation(
+            np.concatenate([found.residual, _CLOSES_TO * distances, pull @ (z - mean)]),
+            np.vstack([found.jacobian, _CLOSES_TO * by_parameters, pull]),
+            found.state,
+        )
 
     minimum = minimise(evaluate, space.reduce(start), tolerance=1e-6, floor=1e-14)
     if minimum is None:
-        return start, _nearest_start(model, counts, start)
-    return space.expand(minimum.variables, start), minimum.last.state
+        return start, _nearest_start(model, observed, start)
+    return space.expand(minimum.variables, start), minimum.last.state.coordinates
 
 
-def _nearest_start(model: SerialModel, counts: Array, parameters: Array) -> Array:
-    starts = model.starts(counts, parameters)
-    nowhere = np.zeros((len(parameters), 0))
-    errors = [np.sum(model.linearise(u, parameters, nowhere).closure ** 2, axis=1) for u in starts]
-    return np.asarray(starts[np.argmin(errors, axis=0), np.arange(len(counts))])
+@dataclass(frozen=True, slots=True)
+class _Closed:
+    """Coordinates (P, U) at reduced parameters (n,), and how the unsensed ones follow them (P, k, n)."""
+
+    variables: Array
+    coordinates: Array
+    following: Array
+
+
+def _nearest_start(model: SerialModel, observed: Observations, parameters: Array) -> Array:
+    starts = model.starts(observed.counts, parameters)
+    at = model.linearise(
+        starts.reshape(-1, starts.shape[2]),
+        parameters,
+        np.zeros((len(parameters), 0)),
+        None if observed.fixture is None else np.tile(observed.fixture, len(starts)),
+    )
+    errors = np.sum(at.closure**2, axis=1).reshape(starts.shape[:2])
+    return np.asarray(starts[np.argmin(errors, axis=0), np.arange(len(observed.counts))])
 
 
 def _evaluation(
-    model: SerialModel, space: ParameterSpace, counts: Array, parameters: Array, u: Array
-) -> Evaluation[Array]:
+    model: SerialModel,
+    space: ParameterSpace,
+    observed: Observations,
+    variables: Array,
+    parameters: Array,
+    u: Array,
+) -> Evaluation[_Closed]:
     """Closure errors with the unsensed coordinates eliminated, and their derivative."""
     unsensed = model.unsensed
     for _ in range(_INNER if len(unsensed) else 0):
-        at = model.linearise(u, parameters, space.expansion[:, :0])
-        inverse = np.linalg.pinv(at.closure_by_coordinates[:, :, unsensed], rcond=1e-9)
-        step = -(inverse @ at.closure[:, :, None])[:, :, 0]
-        u[:, unsensed] += np.clip(step, -0.5, 0.5)
+        at = model.linearise(u, parameters, space.expansion[:, :0], observed.fixture)
+        step = _least_squares(at.closure_by_coordinates[:, :, unsensed], -at.closure[:, :, None])
+        u[:, unsensed] += np.clip(step[:, :, 0], -0.5, 0.5)
         if np.abs(step).max() < _AT_REST:
             break
-    at = model.linearise(u, parameters, space.expansion)
+    at = model.linearise(u, parameters, space.expansion, observed.fixture)
     jacobian = at.closure_by_parameters + at.closure_by_coordinates[:, :, model.sensed] @ (
-        model.sensing.by_parameters(counts, space.expansion)
+        model.sensing.by_parameters(observed.counts, space.expansion)
     )
-    if len(unsensed):
-        by_unsensed = at.closure_by_coordinates[:, :, unsensed]
-        jacobian = jacobian - by_unsensed @ (np.linalg.pinv(by_unsensed, rcond=1e-9) @ jacobian)
-    return Evaluation(at.closure.ravel(), jacobian.reshape(-1, jacobian.shape[2]), u)
+    by_unsensed = at.closure_by_coordinates[:, :, unsensed]
+    following = _least_squares(by_unsensed, -jacobian)
+    jacobian = jacobian + by_unsensed @ following
+    return Evaluation(
+        at.closure.ravel(),
+        jacobian.reshape(-1, jacobian.shape[2]),
+        _Closed(variables, u, following),
+    )
+
+
+def _least_squares(matrix: Array, right: Array) -> Array:
+    """(P, k, m) that minimise |matrix x - right|, of (P, K, k) and (P, K, m), k small."""
+    transposed = np.swapaxes(matrix, 1, 2)
+    normal = transposed @ matrix
+    diagonal = np.arange(normal.shape[1])
+    # A coordinate that moves nothing stays where it is.
+    normal[:, diagonal, diagonal] += _ROUNDING * (1.0 + normal[:, diagonal, diagonal])
+    return np.asarray(np.linalg.solve(normal, transposed @ right))

@@ -13,6 +13,7 @@ only: it knows no sensors, no noise, no parameters by name.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -26,7 +27,8 @@ Array = NDArray[np.float64]
 class Motion:
     """One elementary motion: along or about axis x, y or z of the frame reached so far.
 
-    Its size is the sum of what it names: a parameter, a joint coordinate, or a constant.
+    Its size is the sum of what it names: a constant, and ``sign`` times a parameter or a joint
+    coordinate.
 
     Attributes:
         kind: "turn" [rad] or "shift" [m].
@@ -34,6 +36,7 @@ class Motion:
         parameter: index into the parameter vector, or -1.
         coordinate: index into the pose's coordinates, or -1.
         constant: fixed part of the size.
+        sign: -1 where it undoes what it names.
     """
 
     kind: Literal["turn", "shift"]
@@ -41,6 +44,7 @@ class Motion:
     parameter: int = -1
     coordinate: int = -1
     constant: float = 0.0
+    sign: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +54,8 @@ class Reached:
     Attributes:
         rotation: (P, 3, 3), start frame from end frame.
         position: (P, 3) [m], end origin in the start frame.
-        screws: (P, 6, M), column m is the rate of [dp; domega] with motion m, start frame.
+        screws: (P, 6, M), column m is the rate of [dp; domega] with motion m (of those asked
+            for), start frame.
     """
 
     rotation: Array
@@ -64,52 +69,66 @@ class Chain:
 
     motions: tuple[Motion, ...]
 
-    def reach(self, coordinates: Array, parameters: Array) -> Reached:
+    def reach(
+        self, coordinates: Array, parameters: Array, wanted: NDArray[np.intp] | None = None
+    ) -> Reached:
         """End transform and screws for many poses at once.
 
         Args:
             coordinates: (P, U) [rad or m], each pose's joint coordinates.
             parameters: (N,) [rad or m].
+            wanted: motions whose screws are needed, ascending; all of them by default.
         """
         poses = len(coordinates)
-        # Columns of the rotation are kept apart, each (P, 3): a turn about one mixes the other two.
-        columns = [np.tile(unit, (poses, 1)) for unit in np.eye(3)]
-        position = np.zeros((poses, 3))
-        axes, origins = [], []
-        for motion in self.motions:
-            size: Array | np.float64 = np.float64(motion.constant)
-            if motion.parameter >= 0:
-                size = size + parameters[motion.parameter]
-            if motion.coordinate >= 0:
-                size = size + coordinates[:, motion.coordinate, None]
+        asked = range(len(self.motions)) if wanted is None else wanted.tolist()
+        place = {m: i for i, m in enumerate(asked)}
+        # Poses run along the last axis: every operation below is on contiguous (3, P) arrays.
+        # Columns of the rotation are kept apart: a turn about one mixes the other two.
+        columns = [np.repeat(unit[:, None], poses, axis=1) for unit in np.eye(3)]
+        position = np.zeros((3, poses))
+        sizes = np.ascontiguousarray(coordinates.T)
+        axes = np.empty((len(place), 3, poses))
+        origins = np.empty((len(place), 3, poses))
+        for m, motion in enumerate(self.motions):
             axis = columns[motion.axis]
-            axes.append(axis)
-            origins.append(position)
-            if motion.coordinate < 0 and size == 0.0:
+            if m in place:
+                axes[place[m]], origins[place[m]] = axis, position
+            fixed = motion.constant
+            if motion.parameter >= 0:
+                fixed += motion.sign * float(parameters[motion.parameter])
+            if motion.coordinate < 0 and fixed == 0.0:
                 continue
             if motion.kind == "shift":
+                size = (
+                    fixed
+                    if motion.coordinate < 0
+                    else fixed + motion.sign * sizes[motion.coordinate]
+                )
                 position = position + axis * size
             else:
                 second, third = (motion.axis + 1) % 3, (motion.axis + 2) % 3
-                cos, sin = np.cos(size), np.sin(size)
+                if motion.coordinate < 0:
+                    cos, sin = math.cos(fixed), math.sin(fixed)
+                else:
+                    angle = fixed + motion.sign * sizes[motion.coordinate]
+                    cos, sin = np.cos(angle), np.sin(angle)
                 columns[second], columns[third] = (
                     columns[second] * cos + columns[third] * sin,
                     columns[third] * cos - columns[second] * sin,
                 )
-        direction = np.stack(axes, axis=2)
-        screws = np.zeros((poses, 6, len(self.motions)))
-        turns = np.array([motion.kind == "turn" for motion in self.motions])
-        shifts = ~turns
-        screws[:, :3, shifts] = direction[:, :, shifts]
-        if turns.any():
-            arm = position[:, :, None] - np.stack(origins, axis=2)[:, :, turns]
-            screws[:, :3, turns] = cross(direction[:, :, turns], arm)
-            screws[:, 3:, turns] = direction[:, :, turns]
-        return Reached(np.stack(columns, axis=2), position, screws)
+        screws = np.zeros((poses, 6, len(place)))
+        turning = np.array([self.motions[m].kind == "turn" for m in asked], dtype=bool)
+        linear, angular = axes.copy(), axes
+        linear[turning] = cross(axes[turning], position - origins[turning])
+        angular[~turning] = 0.0
+        screws[:, :3] = linear.transpose(2, 1, 0)
+        screws[:, 3:] = angular.transpose(2, 1, 0)
+        rotation = np.ascontiguousarray(np.array(columns).transpose(2, 1, 0))
+        return Reached(rotation, np.ascontiguousarray(position.T), screws)
 
 
 def cross(left: Array, right: Array) -> Array:
-    """Cross product along axis 1 of two (P, 3, M) arrays."""
+    """Cross product along axis 1 of two (M, 3, P) arrays."""
     out = np.empty(np.broadcast_shapes(left.shape, right.shape))
     out[:, 0] = left[:, 1] * right[:, 2] - left[:, 2] * right[:, 1]
     out[:, 1] = left[:, 2] * right[:, 0] - left[:, 0] * right[:, 2]
