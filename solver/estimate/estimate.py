@@ -40,6 +40,8 @@ class Estimate:
         held: (n, k) orthonormal directions (in scaled parameters) that the data do not
             determine and that were held at their priors.
         left_out: poses that the method could not use.
+        weights: (P,) of the poses under a robust loss, 1 otherwise; None where the method has none.
+            ``residual`` and ``jacobian`` carry their roots.
     """
 
     method: str
@@ -55,6 +57,7 @@ class Estimate:
     misfit: float
     held: Array
     left_out: int = 0
+    weights: Array | None = None
 
     @property
     def values(self) -> Array:

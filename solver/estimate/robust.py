@@ -1,0 +1,77 @@
+"""Robust losses: poses that noise cannot explain are weighed down, whole poses at a time.
+
+The sum of squared whitened residuals of a pose, s, would be chi-square with d degrees of
+freedom (its redundancy) were the parameters known. The fit itself takes up the pose's
+leverage h, the trace of its block of the hat matrix, so that s / (d - h) is 1 on average: a
+pose that the others cannot check is not mistaken for a good one. With t the root of that,
+over the poses' own robust scale where it exceeds 1,
+
+    huber    w = min(1, c / t)            cauchy    w = 1 / (1 + (t / c)^2)
+
+and c keeps the textbook's chance of 1.345 (Huber) or 2.385 (Cauchy) for one degree of
+freedom, 95 % efficiency (Holland & Welsch, "Robust regression using iteratively reweighted
+least-squares", 1977). A weight scales all of a pose's residuals, so its true coordinates
+are the same with and without.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+Array = NDArray[np.float64]
+
+DOWNWEIGHTED = 0.5
+"""A weight below this is worth telling: noise alone gives a fitting pose such a weight very rarely."""
+
+_QUANTILES = 2000
+
+
+class Loss(Enum):
+    """How much a pose far from the model counts."""
+
+    NONE = "none"
+    HUBER = "huber"
+    CAUCHY = "cauchy"
+
+    def weight(self, t: Array, freedoms: int) -> Array:
+        """Weights in (0, 1] of normalised distances ``t`` with ``freedoms`` degrees of freedom."""
+        if self is Loss.NONE:
+            return np.ones_like(t)
+        tuning = 1.345 if self is Loss.HUBER else 2.385
+        c = np.sqrt(chi2.ppf(chi2.cdf(tuning**2, 1), freedoms) / freedoms)
+        if self is Loss.HUBER:
+            return np.asarray(np.minimum(1.0, c / np.maximum(t, 1e-300)), dtype=np.float64)
+        return np.asarray(1.0 / (1.0 + (t / c) ** 2), dtype=np.float64)
+
+    def expected(self, freedoms: int) -> float:
+        """Mean of w t^2 when there is nothing but noise: what a weighted misfit is divided by."""
+        if self is Loss.NONE:
+            return 1.0
+        square = chi2.ppf((np.arange(_QUANTILES) + 0.5) / _QUANTILES, freedoms) / freedoms
+        return float(np.mean(self.weight(np.sqrt(square), freedoms) * square))
+
+
+def weights(loss: Loss, residual: Array, jacobian: Array, used: Array, freedoms: int) -> Array:
+    """(P,) weights after a fit.
+
+    Args:
+        loss: which.
+        residual: (P, C), whitened, unweighted.
+        jacobian: (P, C, n), likewise.
+        used: (P,) weights of the fit that gave them.
+        freedoms: redundancy of a pose.
+    """
+    poses, channels, count = jacobian.shape
+    scaled = jacobian * np.sqrt(used)[:, None, None]
+    flat = scaled.reshape(-1, count)
+    norms = np.linalg.norm(flat, axis=0)
+    basis = np.linalg.qr(flat / np.where(norms > 0, norms, 1.0))[0]
+    leverage = np.sum(basis.reshape(poses, channels, -1) ** 2, axis=(1, 2))
+    left = np.maximum(freedoms - leverage, 0.05 * freedoms)
+    square = np.sum(residual**2, axis=1) / left
+    spread = np.median(square) / (chi2.median(freedoms) / freedoms)
+    return loss.weight(np.sqrt(square / max(float(spread), 1.0)), freedoms)
