@@ -1,18 +1,31 @@
 """The rig description: one TOML file that says what the mechanism is and what reads it."""
 
 from recordings.rig.instruments import CanPort, Channel, Device, SerialPort
-from recordings.rig.mechanism import FREEDOMS, Joint, PlatformMechanism, SerialMechanism
+from recordings.rig.mechanism import (
+    FREEDOMS,
+    POSE,
+    Distance,
+    Fixture,
+    Joint,
+    PlatformMechanism,
+    SerialMechanism,
+)
 from recordings.rig.parameters import Parameter, parameters
 from recordings.rig.plan import Plan, Visit, visits
 from recordings.rig.quantity import Quantity, Range
 from recordings.rig.rig import Rig, bundled_rigs, load_plan, load_rig, parse_rig, rig_text
+from recordings.rig.tracker import Marker, Tracker
 
 __all__ = [
     "FREEDOMS",
+    "POSE",
     "CanPort",
     "Channel",
     "Device",
+    "Distance",
+    "Fixture",
     "Joint",
+    "Marker",
     "Parameter",
     "Plan",
     "PlatformMechanism",
@@ -21,6 +34,7 @@ __all__ = [
     "Rig",
     "SerialMechanism",
     "SerialPort",
+    "Tracker",
     "Visit",
     "bundled_rigs",
     "load_plan",

@@ -21,15 +21,43 @@ CONSTRAINTS: dict[str, frozenset[str]] = {
     "slider": frozenset({"z"}),
     "ball": frozenset({"rx", "ry", "rz"}),
     "plane": frozenset({"x", "y", "rz"}),
+    "open": frozenset(FREEDOMS),
 }
 """Freedoms that each named endpoint constraint leaves free and unsensed."""
 
 
-class Joint(Described):
-    """One joint and the link behind it: Rz(theta) Tz(s) Tx(a) Rx(alpha), one of theta and s moving.
+POSE = ("x", "y", "z", "rx", "ry", "rz")
+"""Parameters of a fixed transform: Tx(x) Ty(y) Tz(z) Rz(rz) Ry(ry) Rx(rx), URDF's xyz and rpy."""
 
-    Denavit-Hartenberg as in Giugovaz & Hollerbach, Figure 1. A revolute joint turns
-    theta = theta_offset + variable; a prismatic joint slides s = s + variable.
+_POSE_UNITS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("x", "y", "z"), LENGTH),
+    **dict.fromkeys(("rx", "ry", "rz"), ANGLE),
+}
+_LENGTH, _ANGLE = Quantity(dimension="length"), Quantity(dimension="angle")
+_UNIT = 1e-6  # how far from 1 the length of an axis may be
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+CONVENTIONS: dict[str, tuple[str, ...]] = {
+    "dh": ("theta_offset", "s", "a", "alpha"),
+    "hayati": ("theta_offset", "a", "alpha", "beta"),
+    "urdf": POSE,
+}
+"""Parameters of a joint in each convention, in the order of the parameter table."""
+
+
+class Joint(Described):
+    """One joint and the link beside it.
+
+    ``dh``: Rz(theta) Tz(s) Tx(a) Rx(alpha), one of theta and s moving; Denavit-Hartenberg as in
+    Giugovaz & Hollerbach, Figure 1. A revolute joint turns theta = theta_offset + variable; a
+    prismatic joint slides s = s + variable.
+
+    ``hayati``: Rz(theta) Tx(a) Rx(alpha) Ry(beta), for neighbours that are nearly parallel, where
+    Denavit-Hartenberg's s jumps with the smallest misalignment (Hayati, "Robot arm geometric
+    link parameter estimation", 1983).
+
+    ``urdf``: the joint's origin, as a fixed transform, and then the turn about, or the slide
+    along, ``axis``.
     """
 
     quantities: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -37,16 +65,27 @@ class Joint(Described):
         "s": LENGTH,
         "a": LENGTH,
         "alpha": ANGLE,
+        "beta": ANGLE,
+        **_POSE_UNITS,
         "limits": COORDINATE,
         "home": COORDINATE,
     }
 
     name: str
     type: Literal["revolute", "prismatic"] = "revolute"
-    theta_offset: Quantity = Quantity(dimension="angle")
-    s: Quantity = Quantity(dimension="length")
-    a: Quantity = Quantity(dimension="length")
-    alpha: Quantity = Quantity(dimension="angle")
+    convention: Literal["dh", "hayati", "urdf"] = "dh"
+    axis: Literal["x", "y", "z"] | tuple[float, float, float] = "z"
+    theta_offset: Quantity = _ANGLE
+    s: Quantity = _LENGTH
+    a: Quantity = _LENGTH
+    alpha: Quantity = _ANGLE
+    beta: Quantity = _ANGLE
+    x: Quantity = _LENGTH
+    y: Quantity = _LENGTH
+    z: Quantity = _LENGTH
+    rx: Quantity = _ANGLE
+    ry: Quantity = _ANGLE
+    rz: Quantity = _ANGLE
     limits: Range | None = None
     home: Quantity = Quantity()
 
@@ -54,6 +93,33 @@ class Joint(Described):
     def dimension(self) -> str:
         """What the joint variable measures."""
         return "angle" if self.type == "revolute" else "length"
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of its parameters."""
+        return CONVENTIONS[self.convention]
+
+    @property
+    def direction(self) -> tuple[float, float, float]:
+        """Unit vector that it turns about or slides along, in the frame that its origin reaches."""
+        return _AXES[self.axis] if isinstance(self.axis, str) else self.axis
+
+    @model_validator(mode="after")
+    def _keys_fit_the_convention(self) -> Joint:
+        known = {part for parts in CONVENTIONS.values() for part in parts}
+        for part in sorted((self.model_fields_set & known) - set(self.parts)):
+            raise fail(
+                f"'{part}' is no parameter of convention = \"{self.convention}\"; "
+                f"that has: {', '.join(self.parts)}"
+            )
+        if self.convention == "hayati" and self.type == "prismatic":
+            raise fail('a prismatic joint has no convention "hayati"; use "dh" or "urdf"')
+        if "axis" in self.model_fields_set and self.convention != "urdf":
+            raise fail("'axis' is given only with convention = \"urdf\"; others move about z")
+        length = sum(part**2 for part in self.direction) ** 0.5
+        if abs(length - 1.0) > _UNIT:
+            raise fail(f"'axis' has the length {length:.6g}, expected a unit vector")
+        return self
 
     @model_validator(mode="after")
     def _units_fit_the_joint(self) -> Joint:
@@ -66,10 +132,58 @@ class Joint(Described):
         return self
 
 
+class Tip(Described):
+    """The fixed transform from the last joint's link to the endpoint that is held."""
+
+    quantities: ClassVar[dict[str, tuple[str, ...]]] = _POSE_UNITS
+
+    x: Quantity = _LENGTH
+    y: Quantity = _LENGTH
+    z: Quantity = _LENGTH
+    rx: Quantity = _ANGLE
+    ry: Quantity = _ANGLE
+    rz: Quantity = _ANGLE
+
+
+class Fixture(Described):
+    """A place in the environment that holds the endpoint, as a pose in the frame where the chain starts."""
+
+    quantities: ClassVar[dict[str, tuple[str, ...]]] = _POSE_UNITS
+
+    name: str
+    x: Quantity = _LENGTH
+    y: Quantity = _LENGTH
+    z: Quantity = _LENGTH
+    rx: Quantity = _ANGLE
+    ry: Quantity = _ANGLE
+    rz: Quantity = _ANGLE
+
+
+class Distance(Described):
+    """A known distance between the origins of two fixtures, with its standard uncertainty."""
+
+    quantities: ClassVar[dict[str, tuple[str, ...]]] = {"distance": LENGTH}
+
+    between: tuple[str, str]
+    distance: Quantity
+
+    @model_validator(mode="after")
+    def _is_a_measurement(self) -> Distance:
+        given = self.distance
+        if given.tie is not None or given.identify or given.uncertainty is None:
+            raise fail(
+                "a distance between fixtures is { nominal = ..., uncertainty = ... }: "
+                "a measurement, not a parameter"
+            )
+        if not given.nominal > 0 or self.between[0] == self.between[1]:
+            raise fail("a distance lies between two different fixtures and is above 0")
+        return self
+
+
 class Closure(Described):
     """How the end of the chain meets its start: which endpoint freedoms stay free and unsensed."""
 
-    constraint: Literal["rigid", "hinge", "slider", "ball", "plane", "custom"] = "rigid"
+    constraint: Literal["rigid", "hinge", "slider", "ball", "plane", "open", "custom"] = "rigid"
     free: tuple[Literal["x", "y", "z", "rx", "ry", "rz"], ...] | None = None
 
     @model_validator(mode="after")
@@ -87,7 +201,12 @@ class Closure(Described):
 
 
 class SerialMechanism(Described):
-    """A chain of joints that ends where it starts: the product of all joint transforms is I.
+    """A chain of joints that is closed through its surroundings.
+
+    Without fixtures the chain ends where it starts: the product of all joint transforms, and of
+    ``tip``, is I up to the freedoms of the closure. With fixtures it ends in one of them at every
+    pose: fixture_from_tip is free in those freedoms, along and about the fixture's axes, and
+    zero in the others.
 
     Unsensed joints (a hinge in the fixture) are joints of the chain without a channel. The
     arm's base frame lies behind the joint called ``base``, or at the start of the chain.
@@ -95,7 +214,10 @@ class SerialMechanism(Described):
 
     family: Literal["serial"]
     joints: tuple[Joint, ...] = Field(alias="joint", min_length=1)
+    tip: Tip | None = None
     closure: Closure = Closure()
+    fixtures: tuple[Fixture, ...] = Field(alias="fixture", default=())
+    distances: tuple[Distance, ...] = Field(alias="distance", default=())
     base: str | None = None
 
     @property
@@ -103,11 +225,25 @@ class SerialMechanism(Described):
         """What a channel of this mechanism can sense."""
         return tuple(joint.name for joint in self.joints)
 
+    @property
+    def fixture_names(self) -> tuple[str, ...]:
+        """Names of the fixtures; empty where the chain ends where it starts."""
+        return tuple(fixture.name for fixture in self.fixtures)
+
     @model_validator(mode="after")
     def _base_is_a_joint(self) -> SerialMechanism:
         names = [joint.name for joint in self.joints]
         if self.base is not None and self.base not in names:
             raise fail(f"'base' is '{self.base}', expected one of: {', '.join(names)}")
+        return self
+
+    @model_validator(mode="after")
+    def _distances_lie_between_fixtures(self) -> SerialMechanism:
+        for distance in self.distances:
+            for end in distance.between:
+                if end not in self.fixture_names:
+                    known = ", ".join(self.fixture_names) or "(there are none)"
+                    raise fail(f"a distance ends at '{end}', expected one of: {known}")
         return self
 
     def dimension_of(self, place: str) -> str:
@@ -160,6 +296,9 @@ class PlatformMechanism(Described):
     ``plate = "pivoted"``: the plate turns about the common origin of both frames (three
     freedoms); ``"free"``: it moves in six; ``"point"``: plate points coincide and only
     translate (three freedoms, a cable machine).
+
+    ``leg_readings = "change"``: what a leg's channel senses is not its length but its length
+    minus that at the neutral pose (line encoders set to zero there).
     """
 
     family: Literal["platform"]
@@ -168,6 +307,7 @@ class PlatformMechanism(Described):
     plate_points: tuple[Point, ...] = Field(alias="plate_point", min_length=1)
     legs: tuple[Leg, ...] = Field(alias="leg", min_length=1)
     neutral: Neutral = Neutral()
+    leg_readings: Literal["length", "change"] = "length"
 
     @property
     def places(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from recordings.rig.mechanism import SerialMechanism
+from recordings.rig.mechanism import POSE, SerialMechanism
 from recordings.rig.quantity import SHOWN, Quantity, Tie
 
 if TYPE_CHECKING:
@@ -23,7 +23,8 @@ class Parameter:
     """One number of the model.
 
     Attributes:
-        name: ``<joint>.<a|s|alpha|theta_offset>``, ``<channel>.<offset|gain>`` or ``<point>.<x|y|z>``.
+        name: ``<joint>.<a|s|alpha|theta_offset>``, ``<channel>.<offset|gain>``,
+            ``<point|marker>.<x|y|z>`` or ``<tracker>.<x|y|z|rx|ry|rz>``.
         dimension: "length", "angle", "length/count" or "angle/count".
         nominal: value before calibration, SI (rad, m, rad/count, m/count); ties resolved.
         uncertainty: standard uncertainty of the nominal value, SI, or None.
@@ -53,16 +54,29 @@ def quantities(rig: Rig) -> Iterator[tuple[str, Quantity, str]]:
     """Name, value and dimension of each parameter, in the order of the table."""
     if isinstance(rig.mechanism, SerialMechanism):
         for joint in rig.mechanism.joints:
-            for part in ("theta_offset", "s", "a", "alpha"):
+            for part in joint.parts:
                 quantity: Quantity = getattr(joint, part)
                 yield f"{joint.name}.{part}", quantity, quantity.dimension
+        poses = [(fixture.name, fixture) for fixture in rig.mechanism.fixtures]
+        for name, pose in [("tip", rig.mechanism.tip), *poses]:
+            for part in POSE if pose is not None else ():
+                quantity = getattr(pose, part)
+                yield f"{name}.{part}", quantity, quantity.dimension
     else:
         for point in (*rig.mechanism.base_points, *rig.mechanism.plate_points):
             for axis in ("x", "y", "z"):
                 quantity = getattr(point, axis)
                 yield f"{point.name}.{axis}", quantity, quantity.dimension
+    for tracker in rig.trackers:
+        for part in ("x", "y", "z", "rx", "ry", "rz"):
+            quantity = getattr(tracker, part)
+            yield f"{tracker.name}.{part}", quantity, quantity.dimension
+        for marker in tracker.markers:
+            for axis in ("x", "y", "z"):
+                quantity = getattr(marker, axis)
+                yield f"{marker.name}.{axis}", quantity, quantity.dimension
     for channel in rig.channels:
-        dimension = rig.mechanism.dimension_of(channel.senses)
+        dimension = rig.dimension_of(channel.senses)
         yield f"{channel.name}.offset", channel.offset, dimension
         yield f"{channel.name}.gain", channel.gain, f"{dimension}/count"
 

@@ -20,6 +20,7 @@ from recordings.rig.mechanism import PlatformMechanism, SerialMechanism
 from recordings.rig.parameters import quantities
 from recordings.rig.plan import Plan
 from recordings.rig.quantity import Described, fail
+from recordings.rig.tracker import Tracker
 
 Port = Annotated[CanPort | SerialPort, Field(discriminator="kind")]
 Mechanism = Annotated[SerialMechanism | PlatformMechanism, Field(discriminator="family")]
@@ -47,6 +48,7 @@ class Rig(Described):
     channels: tuple[Channel, ...] = Field(alias="channel", min_length=1)
     devices: tuple[Device, ...] = Field(alias="device", default=())
     ports: tuple[Port, ...] = Field(alias="port", default=())
+    trackers: tuple[Tracker, ...] = Field(alias="tracker", default=())
     plan: Plan | None = None
     gravity: tuple[float, float, float] | None = None
 
@@ -54,20 +56,34 @@ class Rig(Described):
         """The channel called ``name``; raises KeyError."""
         return {channel.name: channel for channel in self.channels}[name]
 
+    @property
+    def places(self) -> tuple[str, ...]:
+        """What a channel can sense: joints or legs, then coordinates of tracked markers."""
+        tracked = (place for tracker in self.trackers for place in tracker.places)
+        return (*self.mechanism.places, *tracked)
+
+    def dimension_of(self, place: str) -> str:
+        """What a channel at ``place`` measures; coordinates of markers are lengths."""
+        inside = place in self.mechanism.places
+        return self.mechanism.dimension_of(place) if inside else "length"
+
     def sensed_by(self, place: str) -> Channel | None:
-        """The channel that senses the joint or leg ``place``, or None where it is unsensed."""
+        """The channel that senses ``place``, or None where it is unsensed."""
         return next((channel for channel in self.channels if channel.senses == place), None)
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Rig:
         mechanism = self.mechanism
         if isinstance(mechanism, SerialMechanism):
-            parts = [joint.name for joint in mechanism.joints]
+            parts = [joint.name for joint in mechanism.joints] + list(mechanism.fixture_names)
+            parts += ["tip"] if mechanism.tip is not None else []
         else:
             points = (*mechanism.base_points, *mechanism.plate_points)
             parts = [point.name for point in points] + list(mechanism.places)
+        for tracker in self.trackers:
+            parts += [tracker.name, *(marker.name for marker in tracker.markers)]
         groups = {
-            "joints, points, legs and channels": parts
+            "joints, points, legs, trackers, markers and channels": parts
             + [channel.name for channel in self.channels],
             "devices and ports": [d.name for d in self.devices] + [p.name for p in self.ports],
         }
@@ -84,10 +100,10 @@ class Rig(Described):
     def _references_exist(self) -> Rig:
         places, devices = self.mechanism.places, [d.name for d in self.devices]
         for channel in self.channels:
-            _known(f"channel '{channel.name}' senses", channel.senses, places)
+            _known(f"channel '{channel.name}' senses", channel.senses, self.places)
             if channel.device is not None:
                 _known(f"channel '{channel.name}' has the device", channel.device, devices)
-            dimension = self.mechanism.dimension_of(channel.senses)
+            dimension = self.dimension_of(channel.senses)
             if channel.gain.dimension != f"{dimension}/count":
                 raise fail(
                     f"channel '{channel.name}' senses {channel.senses}, which is of dimension {dimension}, "

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 _LARGEST_STEP = 0.5  # rad or m a Gauss-Newton step may move a coordinate
 _OUTLYING = 30.0  # a pose this many times worse than the median may sit on another branch
+_NEIGHBOURS = 3  # whose assembly such a pose tries
+_HANDED_ON = 5  # times that an assembly is handed from neighbour to neighbour
 _REGULARISED = (
     1e-11  # keeps the KKT matrix of a singular pose invertible; far below any information
 )
@@ -37,14 +39,17 @@ class Observations:
     Attributes:
         counts: (P, C) [counts], averaged readings.
         sigma: (P, C) [counts], their standard deviations.
+        fixture: (P,) which of the rig's fixtures held each pose; None where there is one at most.
     """
 
     counts: Array
     sigma: Array
+    fixture: NDArray[np.intp] | None = None
 
     def take(self, poses: NDArray[np.intp]) -> Observations:
         """The observations of some poses."""
-        return Observations(self.counts[poses], self.sigma[poses])
+        fixture = None if self.fixture is None else self.fixture[poses]
+        return Observations(self.counts[poses], self.sigma[poses], fixture)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +112,7 @@ def settle(
     moving = np.arange(poses)
     for _ in range(iterations):
         here = observed.take(moving)
-        at = model.linearise(u[moving], parameters, nowhere)
+        at = model.linearise(u[moving], parameters, nowhere, here.fixture)
         kkt, target, scale = _kkt(at, here)
         misread = np.abs((here.counts - at.readings) / here.sigma).max(axis=1)
         sensed = np.arange(size)
@@ -129,7 +134,9 @@ def settle(
             break
     if len(moving):
         u[moving] = _closed(model, observed.take(moving), u[moving], parameters, nowhere)
-    return _settled(model.linearise(u, parameters, expansion), observed, u, at_rest)
+    return _settled(
+        model.linearise(u, parameters, expansion, observed.fixture), observed, u, at_rest
+    )
 
 
 def _closed(
@@ -137,7 +144,9 @@ def _closed(
 ) -> Array:
     """``u`` moved as little as possible onto the closure."""
     for _ in range(4):
-        kkt, target, scale = _kkt(model.linearise(u, parameters, nowhere), observed)
+        kkt, target, scale = _kkt(
+            model.linearise(u, parameters, nowhere, observed.fixture), observed
+        )
         size = u.shape[1]
         target[:, :size] = 0.0
         u = u + np.linalg.solve(kkt, target[:, :, None])[:, :size, 0] * scale
@@ -212,7 +221,7 @@ def assemble(model: Model, observed: Observations, parameters: Array) -> Array:
     starts = model.starts(observed.counts, parameters)
     scores = np.empty(starts.shape[:2])
     for s, start in enumerate(starts):
-        at = model.linearise(start, parameters, nowhere)
+        at = model.linearise(start, parameters, nowhere, observed.fixture)
         misread = ((observed.counts - at.readings) / observed.sigma) ** 2
         scores[s] = (
             misread.sum(axis=1) if not at.closure.shape[1] else np.sum(at.closure**2, axis=1)
@@ -232,4 +241,35 @@ def assemble(model: Model, observed: Observations, parameters: Array) -> Array:
         todo = np.flatnonzero(~(cost <= _OUTLYING * max(usual, 1.0)))
         if not len(todo):
             break
-    return best
+    return _from_neighbours(model, observed, parameters, best, cost)
+
+
+def _from_neighbours(
+    model: Model, observed: Observations, parameters: Array, coordinates: Array, cost: Array
+) -> Array:
+    """``coordinates`` (P, U) with the poses that settled badly restarted from poses that read nearly alike.
+
+    Poses that settled well hand their assembly on to their neighbours in reading space, and
+    those to theirs, for as long as it helps.
+    """
+    nowhere = np.zeros((len(parameters), 0))
+    u, cost = coordinates.copy(), cost.copy()
+    spread = observed.counts.std(axis=0) + observed.sigma.mean(axis=0)
+    where = observed.counts / spread
+    for _ in range(_HANDED_ON):
+        badly = ~(cost <= _OUTLYING * max(float(np.median(cost)), 1.0))
+        todo, well = np.flatnonzero(badly), np.flatnonzero(~badly)
+        if not len(todo) or not len(well):
+            break
+        apart = np.linalg.norm(where[todo, None] - where[well], axis=2)
+        helped = False
+        for rank in range(min(_NEIGHBOURS, len(well))):
+            nearest = well[np.argsort(apart, axis=1)[:, rank]]
+            found = settle(model, observed.take(todo), u[nearest], parameters, nowhere)
+            now = np.where(found.closed, np.sum(found.residual**2, axis=1), np.inf)
+            better = now < 0.99 * cost[todo]
+            u[todo[better]], cost[todo[better]] = found.coordinates[better], now[better]
+            helped = helped or bool(better.any())
+        if not helped:
+            break
+    return u

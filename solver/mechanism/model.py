@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.rig import Rig, SerialMechanism
+from recordings.rig import Rig, SerialMechanism, parameters
 
 Array = NDArray[np.float64]
 
@@ -70,14 +70,25 @@ class Model(Protocol):
         """Names of a pose's coordinates."""
         ...
 
-    def linearise(self, coordinates: Array, parameters: Array, directions: Array) -> Linearised:
+    def linearise(
+        self,
+        coordinates: Array,
+        parameters: Array,
+        directions: Array,
+        fixture: NDArray[np.intp] | None = None,
+    ) -> Linearised:
         """Predictions and derivatives.
 
         Args:
             coordinates: (P, U).
             parameters: (N,).
             directions: (N, n), the directions in parameter space to differentiate along.
+            fixture: (P,) which of the rig's fixtures each pose was held in; by default the first.
         """
+        ...
+
+    def pseudo_observations(self, parameters: Array, directions: Array) -> tuple[Array, Array]:
+        """What is known beside readings and nominal values: whitened residuals (D,) and (D, n) derivatives."""
         ...
 
     def end_pose(self, coordinates: Array, parameters: Array, directions: Array) -> EndPose:
@@ -97,7 +108,9 @@ def model_of(rig: Rig) -> Model:
     """The model of ``rig``'s mechanism and channels; raises MechanismError."""
     from solver.mechanism.platform import PlatformModel
     from solver.mechanism.serial import SerialModel
+    from solver.mechanism.tracker import Tracked, without_trackers
 
-    return (
-        SerialModel.of(rig) if isinstance(rig.mechanism, SerialMechanism) else PlatformModel.of(rig)
-    )
+    table, inside = parameters(rig), without_trackers(rig)
+    serial = isinstance(rig.mechanism, SerialMechanism)
+    inner = SerialModel.of(inside, table) if serial else PlatformModel.of(inside, table)
+    return Tracked.of(rig, inner, table) if rig.trackers else inner

@@ -1,8 +1,10 @@
 """Platforms: legs of sensed length between points of a base and points of a plate.
 
 length_i = |t + R b_i - a_i|. The plate's coordinates are its rotation vector phi (R =
-exp(phi) times the neutral rotation) and its translation t, or those of the two that its
-kind leaves free. There is no closure residual: redundancy is more legs than freedoms.
+exp(phi) times the neutral rotation) and its translation from the neutral position, or those
+of the two that its kind leaves free. There is no closure residual: redundancy is more legs
+than freedoms. No sign is ever chosen: which of several assemblies a pose is in follows from
+where its search starts (`starts`, and neighbouring poses in `estimate.nuisance`).
 """
 
 from __future__ import annotations
@@ -20,6 +22,10 @@ from solver.mechanism.sensing import Sensing
 
 Array = NDArray[np.float64]
 
+_FOLLOWING_STEPS = 10  # from the neutral pose to a reading, so that no step leaves the branch
+_CORRECTIONS = 3
+_DAMPING = 1e-3  # of each correction, so that a pose near a singular one does not jump
+
 
 @dataclass(frozen=True)
 class PlatformModel:
@@ -33,6 +39,7 @@ class PlatformModel:
         shifts: whether the plate translates.
         neutral_rotation: (3, 3), base from plate.
         neutral_position: (3,) [m].
+        from_neutral: whether channels sense a leg's length minus its length at the neutral pose.
     """
 
     sensing: Sensing
@@ -42,6 +49,7 @@ class PlatformModel:
     shifts: bool
     neutral_rotation: Array
     neutral_position: Array
+    from_neutral: bool
 
     @classmethod
     def of(cls, rig: Rig, table: tuple[Parameter, ...] | None = None) -> PlatformModel:
@@ -59,6 +67,7 @@ class PlatformModel:
         index = {parameter.name: i for i, parameter in enumerate(table)}
         legs = {leg.name: leg for leg in mechanism.legs}
         ends = [legs[channel.senses] for channel in rig.channels]
+        turns, shifts = mechanism.plate != "point", mechanism.plate != "pivoted"
         neutral = mechanism.neutral
         turn = exponential(np.diag([neutral.rx, neutral.ry, neutral.rz]))
         return cls(
@@ -69,10 +78,11 @@ class PlatformModel:
             np.array(
                 [[index[f"{leg.plate}.{axis}"] for axis in "xyz"] for leg in ends], dtype=np.intp
             ),
-            mechanism.plate in ("pivoted", "free"),
-            mechanism.plate in ("free", "point"),
-            turn[2] @ turn[1] @ turn[0],
-            np.array([neutral.x, neutral.y, neutral.z]),
+            turns,
+            shifts,
+            turn[2] @ turn[1] @ turn[0] if turns else np.eye(3),
+            np.array([neutral.x, neutral.y, neutral.z]) * shifts,
+            mechanism.leg_readings == "change",
         )
 
     @property
@@ -96,16 +106,24 @@ class PlatformModel:
         moved = coordinates[:, -3:] if self.shifts else np.zeros((poses, 3))
         return rotation, self.neutral_position + moved
 
-    def linearise(self, coordinates: Array, parameters: Array, directions: Array) -> Linearised:
-        """Predictions and derivatives at ``coordinates`` (P, U) and ``parameters`` (N,), along (N, n)."""
+    def linearise(
+        self,
+        coordinates: Array,
+        parameters: Array,
+        directions: Array,
+        fixture: NDArray[np.intp] | None = None,
+    ) -> Linearised:
+        """Predictions and derivatives at ``coordinates`` (P, U) and ``parameters`` (N,), along (N, n).
+
+        A platform has no fixtures: ``fixture`` says nothing here.
+        """
         poses, size = coordinates.shape
         rotation, position = self.plate_pose(coordinates)
-        arm = parameters[self.plate] @ np.swapaxes(
-            rotation, 1, 2
-        )  # (P, C, 3), plate points turned into the base
-        leg = position[:, None] + arm - parameters[self.base]
-        length = np.linalg.norm(leg, axis=2)
-        along = leg / length[:, :, None]
+        arm, along, length, by_length = self._legs(rotation, position, parameters, directions)
+        if self.from_neutral:
+            still = self.neutral_rotation[None], self.neutral_position[None]
+            _, _, at_neutral, by_neutral = self._legs(*still, parameters, directions)
+            length, by_length = length - at_neutral, by_length - by_neutral
         counts, slope, by_parameters = self.sensing.counts(length, parameters, directions)
 
         by_coordinates = np.zeros((poses, len(slope), size))
@@ -114,8 +132,6 @@ class PlatformModel:
             by_coordinates[:, :, :3] = np.einsum("pci,pcij->pcj", along, turned)
         if self.shifts:
             by_coordinates[:, :, -3:] = along
-        by_length = np.einsum("pck,ckn->pcn", along @ rotation, directions[self.plate])
-        by_length -= np.einsum("pck,ckn->pcn", along, directions[self.base])
         return Linearised(
             counts,
             np.zeros((poses, 0)),
@@ -124,6 +140,23 @@ class PlatformModel:
             np.zeros((poses, 0, size)),
             np.zeros((poses, 0, directions.shape[1])),
         )
+
+    def _legs(
+        self, rotation: Array, position: Array, parameters: Array, directions: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Plate points turned into the base and unit vectors along the legs, (P, C, 3); lengths
+        (P, C) [m] and their derivatives (P, C, n) at fixed plate poses."""
+        arm = parameters[self.plate] @ np.swapaxes(rotation, 1, 2)
+        leg = position[:, None] + arm - parameters[self.base]
+        length = np.linalg.norm(leg, axis=2)
+        along = leg / length[:, :, None]
+        by_length = np.einsum("pck,ckn->pcn", along @ rotation, directions[self.plate])
+        by_length -= np.einsum("pck,ckn->pcn", along, directions[self.base])
+        return arm, along, length, by_length
+
+    def pseudo_observations(self, parameters: Array, directions: Array) -> tuple[Array, Array]:
+        """A platform knows nothing beside its readings: empty (0,) and (0, n)."""
+        return np.zeros(0), np.zeros((0, directions.shape[1]))
 
     def end_pose(self, coordinates: Array, parameters: Array, directions: Array) -> EndPose:
         """The plate in the base frame; no parameter moves it at fixed coordinates."""
@@ -137,14 +170,37 @@ class PlatformModel:
         return EndPose(rotation, position, by_coordinates, still)
 
     def starts(self, readings: Array, parameters: Array) -> Array:
-        """(S, P, U) coordinates: the neutral pose, then plates turned or moved in each direction."""
+        """(S, P, U) coordinates: followed from neutral, neutral, then turned or moved in each direction."""
         size = len(self.coordinate_names)
         reach = float(np.abs(parameters[self.base]).max())
         span = np.array([1.0] * 3 * self.turns + [0.3 * reach] * 3 * self.shifts)
         offsets = np.vstack(
             [np.zeros(size), *(sign * np.diag(span) for sign in (0.7, -0.7, 1.6, -1.6))]
         )
-        return np.tile(offsets[:, None, :], (1, len(readings), 1))
+        others = np.tile(offsets[:, None, :], (1, len(readings), 1))
+        return np.concatenate([self._followed(readings, parameters)[None], others])
+
+    def _followed(self, readings: Array, parameters: Array) -> Array:
+        """(P, U) coordinates reached from neutral as the readings go straight to ``readings`` (P, C).
+
+        The assembly stays the one that the neutral pose is in, as that of a platform in use does.
+        """
+        u = np.zeros((len(readings), len(self.coordinate_names)))
+        nowhere = np.zeros((len(parameters), 0))
+        begin = self.linearise(u, parameters, nowhere).readings
+        for share in np.linspace(0.0, 1.0, _FOLLOWING_STEPS + 1)[1:]:
+            target = begin + share * (readings - begin)
+            for _ in range(_CORRECTIONS):
+                at = self.linearise(u, parameters, nowhere)
+                slope = at.readings_by_coordinates
+                transposed = np.swapaxes(slope, 1, 2)
+                normal = transposed @ slope
+                diagonal = np.einsum("puu->pu", normal)
+                diagonal *= 1.0 + _DAMPING
+                diagonal += 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300
+                pull = transposed @ (target - at.readings)[:, :, None]
+                u = u + np.linalg.solve(normal, pull)[:, :, 0]
+        return u
 
     def mobility(self, coordinates: Array, parameters: Array) -> int:
         """Freedoms of the plate."""

@@ -1,22 +1,27 @@
-"""Serial chains closed on themselves: the product of all joint transforms is the identity.
+"""Serial chains closed on themselves: the product of all transforms once around is the identity.
 
-Owns the translation of a rig's joints into elementary motions and the closure residual
-c(u, x) = [p; log R] of the end transform, in the frame where the loop starts and ends
-(Giugovaz & Hollerbach, equation 8, with the exact logarithm in place of small angles).
+Owns the order of motions around the loop and the closure residual c(u, x) = [p; log R] of
+their product, in the frame where the loop starts and ends (Giugovaz & Hollerbach, equation 8,
+with the exact logarithm in place of small angles). Where the endpoint is held in a fixture
+the loop starts at that fixture: fixture_from_base, base_from_tip, and the freedoms of
+fixture_from_tip undone; each fixture is a loop of its own with the same joints.
 Endpoint freedoms that the constraint leaves free become unsensed coordinates; where all
 three rotations are free, the orientation rows are dropped instead.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.rig import Parameter, Rig, SerialMechanism, parameters
+from recordings.rig import FREEDOMS, Parameter, Rig, SerialMechanism, parameters
 from solver.errors import MechanismError
 from solver.mechanism.chain import Chain, Motion
+from solver.mechanism.distances import KnownDistances
+from solver.mechanism.links import inverse, joint_motions, pose_motions
 from solver.mechanism.model import EndPose, Linearised
 from solver.mechanism.rotation import log_rate, logarithm
 from solver.mechanism.sensing import Sensing
@@ -25,6 +30,56 @@ Array = NDArray[np.float64]
 
 _ROTATIONS = ("rx", "ry", "rz")
 _GRID = 8  # starts around the circle for each unsensed coordinate
+
+
+@dataclass(frozen=True, slots=True)
+class _Loop:
+    """Motions once around a loop, where in them base and endpoint lie, and the freedoms at the end."""
+
+    motions: tuple[Motion, ...]
+    base: int
+    end: int
+    freed: tuple[str, ...]
+
+    def followed(self, coordinates: int) -> Array:
+        """(M, U) rate of every motion with every coordinate."""
+        out = np.zeros((len(self.motions), coordinates))
+        for m, motion in enumerate(self.motions):
+            if motion.coordinate >= 0:
+                out[m, motion.coordinate] = motion.sign
+        return out
+
+
+def _loop(
+    mechanism: SerialMechanism, index: Mapping[str, int], fixture: str | None, turned: bool
+) -> _Loop:
+    """The loop through ``fixture``, or from the end back to the start; ``turned``: all turns are free."""
+    motions: list[Motion] = []
+    base = 0
+    for u, joint in enumerate(mechanism.joints):
+        motions += joint_motions(joint, index, u)
+        if joint.name == mechanism.base:
+            base = len(motions)
+    if mechanism.tip is not None:
+        motions += pose_motions("tip", index)
+    end = len(motions)
+    free = [f for f in FREEDOMS if f in mechanism.closure.freedoms and not (turned and "r" in f)]
+    coordinate = {name: len(mechanism.joints) + k for k, name in enumerate(free)}
+    shifts = [
+        Motion("shift", axis, coordinate=coordinate[name])
+        for axis, name in enumerate("xyz")
+        if name in coordinate
+    ]
+    turns = [
+        Motion("turn", axis, coordinate=coordinate[name])
+        for axis, name in enumerate(_ROTATIONS)
+        if name in coordinate
+    ]
+    if fixture is None:
+        return _Loop((*motions, *shifts, *turns), base, end, tuple(free))
+    before = inverse(shifts) + inverse(pose_motions(fixture, index))
+    around = (*before, *motions, *inverse(turns))
+    return _Loop(around, len(before) + base, len(before) + end, tuple(free))
 
 
 @dataclass(frozen=True)
@@ -42,6 +97,8 @@ class SerialModel:
         homes: (U,) coordinates near which the mechanism is assembled.
         base: number of motions before the base frame.
         end: number of motions before the endpoint; free endpoint freedoms come after it.
+        distances: what is known of the fixtures' distances.
+        elsewhere: the same mechanism held in each of the other fixtures.
     """
 
     chain: Chain
@@ -54,6 +111,8 @@ class SerialModel:
     homes: Array
     base: int
     end: int
+    distances: KnownDistances
+    elsewhere: tuple[SerialModel, ...] = ()
 
     @classmethod
     def of(cls, rig: Rig, table: tuple[Parameter, ...] | None = None) -> SerialModel:
@@ -69,55 +128,33 @@ class SerialModel:
             )
         table = parameters(rig) if table is None else table
         index = {parameter.name: i for i, parameter in enumerate(table)}
-        motions: list[Motion] = []
-        base = 0
-        for u, joint in enumerate(mechanism.joints):
-            turning = joint.type == "revolute"
-            part = {
-                name: index[f"{joint.name}.{name}"] for name in ("theta_offset", "s", "a", "alpha")
-            }
-            motions += [
-                Motion("turn", 2, part["theta_offset"], u if turning else -1),
-                Motion("shift", 2, part["s"], -1 if turning else u),
-                Motion("shift", 0, part["a"]),
-                Motion("turn", 0, part["alpha"]),
-            ]
-            if joint.name == mechanism.base:
-                base = len(motions)
-        end = len(motions)
+        turned = mechanism.closure.freedoms >= set(_ROTATIONS)
+        rows = [0, 1, 2] if turned else list(range(6))
+        loops = [
+            _loop(mechanism, index, fixture, turned)
+            for fixture in mechanism.fixture_names or (None,)
+        ]
         names = [joint.name for joint in mechanism.joints]
-        homes = [joint.home.nominal for joint in mechanism.joints]
-        freedoms = mechanism.closure.freedoms
-        rows = list(range(6))
-        if freedoms >= set(_ROTATIONS):
-            freedoms, rows = freedoms - set(_ROTATIONS), [0, 1, 2]
-        for axis, letter in enumerate("xyz"):
-            if letter in freedoms:
-                motions.append(Motion("shift", axis, coordinate=len(names)))
-                names.append(f"end.{letter}")
-                homes.append(0.0)
-        for axis, name in enumerate(_ROTATIONS):
-            if name in freedoms:
-                motions.append(Motion("turn", axis, coordinate=len(names)))
-                names.append(f"end.{name}")
-                homes.append(0.0)
+        names += [f"end.{name}" for name in loops[0].freed]
+        homes = [joint.home.nominal for joint in mechanism.joints] + [0.0] * len(loops[0].freed)
         sensed = np.array([names.index(channel.senses) for channel in rig.channels], dtype=np.intp)
-        coordinate_of = np.zeros((len(motions), len(names)))
-        for m, motion in enumerate(motions):
-            if motion.coordinate >= 0:
-                coordinate_of[m, motion.coordinate] = 1.0
-        return cls(
-            Chain(tuple(motions)),
-            Sensing.of(rig, table),
-            sensed,
-            tuple(names),
-            np.array(rows, dtype=np.intp),
-            coordinate_of,
-            np.array([motion.parameter for motion in motions], dtype=np.intp),
-            np.array(homes),
-            base,
-            end,
+        models = tuple(
+            cls(
+                Chain(loop.motions),
+                Sensing.of(rig, table),
+                sensed,
+                tuple(names),
+                np.array(rows, dtype=np.intp),
+                loop.followed(len(names)),
+                np.array([motion.parameter for motion in loop.motions], dtype=np.intp),
+                np.array(homes),
+                loop.base,
+                loop.end,
+                KnownDistances.of(mechanism.distances, index),
+            )
+            for loop in loops
         )
+        return replace(models[0], elsewhere=models[1:])
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -129,38 +166,81 @@ class SerialModel:
         """Indices of coordinates that no channel senses."""
         return np.setdiff1d(np.arange(len(self.coordinate_names)), self.sensed)
 
-    def linearise(self, coordinates: Array, parameters: Array, directions: Array) -> Linearised:
-        """Predictions and derivatives at ``coordinates`` (P, U) and ``parameters`` (N,), along (N, n)."""
+    def linearise(
+        self,
+        coordinates: Array,
+        parameters: Array,
+        directions: Array,
+        fixture: NDArray[np.intp] | None = None,
+    ) -> Linearised:
+        """Predictions and derivatives at ``coordinates`` (P, U) and ``parameters`` (N,), along (N, n).
+
+        ``fixture`` (P,) says in which fixture each pose was held; by default in the first.
+        """
+        if fixture is not None and fixture.any():
+            return self._linearise_in_each(coordinates, parameters, directions, fixture)
         poses, count = coordinates.shape
         counts, slope, by_parameters = self.sensing.counts(
             coordinates[:, self.sensed], parameters, directions
         )
         by_coordinates = np.zeros((poses, len(self.sensed), count))
         by_coordinates[:, np.arange(len(self.sensed)), self.sensed] = slope
-        closure, rates = self._closure(coordinates, parameters)
+        along = self.along(directions)
+        moving = np.flatnonzero(self.coordinate_of.any(axis=1) | along.any(axis=1))
+        closure, rates = self._closure(coordinates, parameters, moving)
+        flat = rates.reshape(-1, len(moving))
         return Linearised(
             counts,
             closure,
             by_coordinates,
             by_parameters,
-            rates @ self.coordinate_of,
-            rates @ self.along(directions),
+            (flat @ self.coordinate_of[moving]).reshape(*closure.shape, count),
+            (flat @ along[moving]).reshape(*closure.shape, directions.shape[1]),
         )
+
+    def _linearise_in_each(
+        self,
+        coordinates: Array,
+        parameters: Array,
+        directions: Array,
+        fixture: NDArray[np.intp],
+    ) -> Linearised:
+        """`linearise` of the poses of each fixture, put together again."""
+        poses = [np.flatnonzero(fixture == k) for k in range(1 + len(self.elsewhere))]
+        parts = [
+            model.linearise(coordinates[rows], parameters, directions)
+            for model, rows in zip((self, *self.elsewhere), poses, strict=True)
+        ]
+        order = np.argsort(np.concatenate(poses), kind="stable")
+        return Linearised(
+            *(
+                np.concatenate([getattr(part, field.name) for part in parts])[order]
+                for field in fields(Linearised)
+            )
+        )
+
+    def pseudo_observations(self, parameters: Array, directions: Array) -> tuple[Array, Array]:
+        """Known distances between fixtures: whitened residuals (D,) and (D, n) derivatives."""
+        return self.distances.observe(parameters, directions)
 
     def along(self, directions: Array) -> Array:
         """(M, n) change of every motion along ``directions`` (N, n)."""
-        return np.where(self.parameter_of[:, None] >= 0, directions[self.parameter_of], 0.0)
+        named = self.parameter_of[:, None] >= 0
+        signs = np.array([motion.sign for motion in self.chain.motions])
+        return np.where(named, signs[:, None] * directions[self.parameter_of], 0.0)
 
-    def _closure(self, coordinates: Array, parameters: Array) -> tuple[Array, Array]:
-        """(P, K) closure and (P, K, M) its rate with every motion of the chain."""
-        reached = self.chain.reach(coordinates, parameters)
+    def _closure(
+        self, coordinates: Array, parameters: Array, moving: NDArray[np.intp]
+    ) -> tuple[Array, Array]:
+        """(P, K) closure and (P, K, M) its rate with the motions ``moving`` (M,) of the chain."""
+        reached = self.chain.reach(coordinates, parameters, moving)
         error = np.concatenate([reached.position, np.zeros_like(reached.position)], axis=1)
         rates = reached.screws
-        if len(self.rows) > 3:
-            error[:, 3:] = logarithm(reached.rotation)
-            rates = rates.copy()
-            rates[:, 3:] = log_rate(error[:, 3:]) @ rates[:, 3:]
-        return error[:, self.rows], rates[:, self.rows]
+        if len(self.rows) == 3:
+            return error[:, self.rows], rates[:, self.rows]
+        error[:, 3:] = logarithm(reached.rotation)
+        rates[:, 3:] = log_rate(error[:, 3:]) @ rates[:, 3:]
+        return error, rates
 
     def end_pose(self, coordinates: Array, parameters: Array, directions: Array) -> EndPose:
         """End of the chain in the base frame, which lies behind the rig's base joint."""

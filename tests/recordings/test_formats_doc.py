@@ -21,12 +21,15 @@ from recordings.rig.instruments import Channel, Device
 from recordings.rig.mechanism import (
     CONSTRAINTS,
     Closure,
+    Distance,
+    Fixture,
     Joint,
     Leg,
     Neutral,
     PlatformMechanism,
     Point,
     SerialMechanism,
+    Tip,
 )
 from recordings.rig.plan import Revisit
 from recordings.rig.quantity import Described
@@ -40,6 +43,9 @@ TABLES: dict[type[Described], str] = {
     Rig: "## Top level",
     SerialMechanism: "## `[mechanism]` of family `serial`",
     Joint: "`[[mechanism.joint]]`:",
+    Tip: "`tip`:",
+    Fixture: "`[[mechanism.fixture]]`:",
+    Distance: "`[[mechanism.distance]]`:",
     Closure: "`closure`:",
     PlatformMechanism: "## `[mechanism]` of family `platform`",
     Point: "`[[mechanism.base_point]]` and",
