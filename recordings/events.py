@@ -81,7 +81,8 @@ class ModeReport:
 class Dwell:
     """The mechanism stood still from ``start_ns`` to ``end_ns``.
 
-    It was visit number ``visit`` (from 0) of pose number ``pose``.
+    It was visit number ``visit`` (from 0) of pose number ``pose``, with the endpoint held in
+    ``fixture`` where the rig has fixtures.
     """
 
     time_ns: int
@@ -89,6 +90,7 @@ class Dwell:
     end_ns: int
     pose: int
     visit: int
+    fixture: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,16 +53,18 @@ class ModeReport(_message.Message):
     def __init__(self, mode: _Optional[_Union[Mode, str]] = ..., status: _Optional[int] = ..., error_code: _Optional[int] = ...) -> None: ...
 
 class Dwell(_message.Message):
-    __slots__ = ("start_ns", "end_ns", "pose", "visit")
+    __slots__ = ("start_ns", "end_ns", "pose", "visit", "fixture")
     START_NS_FIELD_NUMBER: _ClassVar[int]
     END_NS_FIELD_NUMBER: _ClassVar[int]
     POSE_FIELD_NUMBER: _ClassVar[int]
     VISIT_FIELD_NUMBER: _ClassVar[int]
+    FIXTURE_FIELD_NUMBER: _ClassVar[int]
     start_ns: int
     end_ns: int
     pose: int
     visit: int
-    def __init__(self, start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., pose: _Optional[int] = ..., visit: _Optional[int] = ...) -> None: ...
+    fixture: str
+    def __init__(self, start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., pose: _Optional[int] = ..., visit: _Optional[int] = ..., fixture: _Optional[str] = ...) -> None: ...
 
 class Mark(_message.Message):
     __slots__ = ("text",)

@@ -26,12 +26,13 @@ _QUANTUM = 0.3  # counts: no channel is believed to be quieter than its quantisa
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A stretch of time [start_ns, end_ns] in which nothing moved, and which pose and visit it is."""
+    """A stretch of time [start_ns, end_ns] in which nothing moved: pose, visit, and fixture if known."""
 
     start_ns: int
     end_ns: int
     pose: int
     visit: int
+    fixture: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,19 +4,20 @@ The noise of a channel is pooled over all dwells. Neighbouring samples are not i
 the variance of a mean of n samples is s^2 tau / n, with tau the integrated autocorrelation
 time. Where a channel is quieter than half a count, averaging does not beat quantisation,
 and its variance of 1/12 count^2 is added. A dwell whose first and second half differ by
-more than noise allows is rejected: the mechanism still moved.
+more than noise allows is rejected: the mechanism still moved. Where the dwells are too short
+to show the noise (a table with one reading a pose), the noise that the rig states is believed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recordings.reader import Recording
-from recordings.rig import Channel
+from recordings.rig import Channel, Rig
 from solver.dwells import EDGE_S, Track, Window, standstills, without_edges
 from solver.errors import NotEnoughData
 
@@ -62,6 +63,22 @@ class PoseTable:
     windows: tuple[Window, ...]
     rejected: tuple[Rejected, ...]
 
+    def fixture(self, names: Sequence[str]) -> NDArray[np.intp] | None:
+        """(P,) which of the fixtures ``names`` held each pose; None where the rig has one at most.
+
+        Raises:
+            NotEnoughData: a dwell says no fixture, or one that the rig does not have.
+        """
+        if len(names) < 2:
+            return None
+        for window in self.windows:
+            if window.fixture not in names:
+                said = "no fixture" if window.fixture is None else f"'{window.fixture}'"
+                raise NotEnoughData(
+                    f"the dwell of pose {window.pose} names {said}, expected one of: {', '.join(names)}"
+                )
+        return np.array([names.index(str(w.fixture)) for w in self.windows], dtype=np.intp)
+
 
 def track(recording: Recording, channel: Channel) -> Track:
     """One channel of a recording as counts that do not wrap."""
@@ -95,7 +112,9 @@ def average(recording: Recording, *, shortest_s: float | None = None) -> PoseTab
     rig = recording.rig
     tracks = {channel.name: track(recording, channel) for channel in rig.channels}
     if recording.dwells:
-        windows = tuple(Window(d.start_ns, d.end_ns, d.pose, d.visit) for d in recording.dwells)
+        windows = tuple(
+            Window(d.start_ns, d.end_ns, d.pose, d.visit, d.fixture) for d in recording.dwells
+        )
     else:
         if shortest_s is None:
             shortest_s = 0.6 * rig.plan.dwell if rig.plan is not None else 0.3
@@ -105,7 +124,43 @@ def average(recording: Recording, *, shortest_s: float | None = None) -> PoseTab
             "the recording has no dwells: it carries no dwell messages, and the readings show no standstill "
             f"of {shortest_s or 0:.2g} s on all channels at once. Hold the mechanism still at every pose."
         )
+    fullest = max(len(_inside(track, window)) for window in windows for track in tracks.values())
+    if fullest < _FEWEST_SAMPLES:
+        return _believed(rig, tracks, windows)
     return _table(tracks, windows)
+
+
+def _believed(rig: Rig, tracks: Mapping[str, Track], windows: tuple[Window, ...]) -> PoseTable:
+    """Dwells of a few readings each, with the noise that the rig states."""
+    noise = np.array([channel.noise for channel in rig.channels])
+    silent = [channel.name for channel in rig.channels if not channel.noise > 0]
+    if silent:
+        raise NotEnoughData(
+            f"no dwell has {_FEWEST_SAMPLES} readings of a channel, too few to measure its noise, and the rig "
+            f"states none for {', '.join(silent)}: give noise_counts there (the standard deviation of one reading)"
+        )
+    pieces = [[_inside(tracks[name], window) for name in tracks] for window in windows]
+    whole = [w for w, row in enumerate(pieces) if all(len(piece) for piece in row)]
+    if not whole:
+        raise NotEnoughData(
+            f"none of the {len(windows)} dwells has a reading of every channel; check their times"
+        )
+    samples = np.array([[len(piece) for piece in pieces[w]] for w in whole], dtype=np.int64)
+    return PoseTable(
+        channels=tuple(tracks),
+        counts=np.array([[piece.mean() for piece in pieces[w]] for w in whole]),
+        sigma=noise / np.sqrt(samples),
+        samples=samples,
+        effective=samples.astype(np.float64),
+        noise=noise,
+        correlation=np.ones(len(noise)),
+        windows=tuple(windows[w] for w in whole),
+        rejected=tuple(
+            Rejected(window, "a channel has no reading")
+            for w, window in enumerate(windows)
+            if w not in whole
+        ),
+    )
 
 
 def _table(tracks: Mapping[str, Track], windows: tuple[Window, ...]) -> PoseTable:

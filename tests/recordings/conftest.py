@@ -79,6 +79,7 @@ def one_of_each() -> tuple[Event, ...]:
         ModeReport("base", t + 5, Mode.FAULT, 0x1208, 0x8611),
         ModeReport("elbow", t + 6, Mode.UNKNOWN, 0),
         Dwell(t + 7, t + 1, t + 6, 3, 0),
+        Dwell(t + 8, t + 2, t + 7, 4, 1, "socket"),
         Mark(t + 8, "a remark — with a dash"),
         Fault(t + 9, "can0", "unplugged", "The adapter is gone."),
         ClockSample("encoder1", t + 10, 123, t, 1000),
