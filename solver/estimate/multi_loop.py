@@ -9,6 +9,10 @@ Of the two intersections, B of a pair of legs lies on the plate's neutral side o
 O A A; the second point, found from k3, is the one nearer to where its own pair of legs puts it.
 Poses at which three spheres (nearly) touch instead of crossing are left out and counted: there
 the intersection is not a smooth function of the lengths.
+
+From nominal values the method often ends in a false minimum, or at the edge of existence of a
+pose. It starts from the maximum-likelihood result and takes its branches from the poses there,
+so that what is compared between methods is where they end, not where they begin.
 """
 
 from __future__ import annotations
@@ -19,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import MethodError
+from solver.estimate import likelihood
 from solver.estimate.estimate import Estimate
 from solver.estimate.gauss_newton import Closure, expected_cost, gauss_newton_step, propagate, solve
-from solver.estimate.nuisance import Observations, assemble
+from solver.estimate.nuisance import Observations
 from solver.estimate.trust_region import Status
 from solver.mechanism.model import Model
 from solver.mechanism.platform import PlatformModel
@@ -190,12 +195,15 @@ def identify(model: Model, space: ParameterSpace, observed: Observations) -> Est
         raise MethodError(
             "the method 'multi-loop' needs a pivoted plate with two points, two legs at each"
         )
-    start = space.reduce(space.nominal)
-    coordinates = assemble(model, observed, space.nominal)
+    likely = likelihood.identify(model, space, observed)
+    coordinates = likely.coordinates
+    if likely.status is Status.DOES_NOT_CLOSE:
+        return _did_not_close(space, coordinates)
+    begin, start = likely.parameters, likely.values
     rotation, _ = model.plate_pose(coordinates)
-    points = np.stack([space.nominal[model.plate[pair[0]]] for pair in pairs])
+    points = np.stack([begin[model.plate[pair[0]]] for pair in pairs])
     near = points @ np.swapaxes(rotation, 1, 2)
-    _, usable = residual(model, observed.counts, space.nominal, space.expansion, near)
+    _, usable = residual(model, observed.counts, begin, space.expansion, near)
     kept = np.flatnonzero(usable)
     if len(kept) < len(start):
         return _did_not_close(space, coordinates)
