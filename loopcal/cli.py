@@ -6,7 +6,7 @@ Each verb reads its input, calls one room, and prints what came back.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -182,6 +182,14 @@ def solve(
     method: Annotated[
         str | None, typer.Option("--method", help="ml (default), hinge, or multi-loop.")
     ] = None,
+    robust: Annotated[
+        Literal["none", "huber", "cauchy"],
+        typer.Option("--robust", help="Weigh down poses that noise cannot explain (ml only)."),
+    ] = "none",
+    priors: Annotated[
+        bool,
+        typer.Option("--priors", help="Let the rig's stated uncertainties take part (ml only)."),
+    ] = False,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON.")
     ] = None,
@@ -198,7 +206,14 @@ def solve(
 
     with explained():
         converged = run_solve(
-            file, poses=poses, method=method, json_file=json_file, report=report, truth=truth
+            file,
+            poses=poses,
+            method=method,
+            loss=robust,
+            use_priors=priors,
+            json_file=json_file,
+            report=report,
+            truth=truth,
         )
     if not converged:
         raise typer.Exit(1)
@@ -216,6 +231,29 @@ def demo(
 
     with explained():
         run_demo(output)
+
+
+@app.command("bench-calibrate")
+def bench_calibrate(
+    rig: RigArgument,
+    channel: Annotated[str, typer.Argument(metavar="CHANNEL", help="The rig's channel.")],
+    table: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TABLE",
+            help="CSV with the columns displacement_mm (or _m, or angle_deg, angle_rad) and counts.",
+        ),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="RIG", help="Write the rig with the result in it."),
+    ] = None,
+) -> None:
+    """Calibrate one sensor against known displacements: gain, zero, linearity, noise."""
+    from loopcal.bench_calibrating import run_bench_calibrate
+
+    with explained():
+        run_bench_calibrate(rig, channel, table, output)
 
 
 def _ports(given: list[str] | None) -> dict[str, str]:
