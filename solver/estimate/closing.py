@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.estimate.nuisance import Observations
+from solver.estimate.nuisance import TOGETHER, Observations
 from solver.estimate.trust_region import Evaluation, minimise
 from solver.mechanism.serial import SerialModel
 from solver.mechanism.space import ParameterSpace
@@ -44,6 +44,10 @@ def approach(
         use_priors: hold the parameters near their nominal values by the rig's stated
             uncertainties, so that what closure does not determine stays where it is.
     """
+    everything = observed
+    poses = len(observed.counts)
+    if poses > TOGETHER:  # more poses than these do not bring the start nearer
+        observed = observed.take(np.linspace(0, poses - 1, TOGETHER).astype(np.intp))
     counts = observed.counts
     mean, width = space.reduce(space.nominal), space.uncertainty
     believed = np.isfinite(width) if use_priors else np.zeros(len(width), dtype=bool)
@@ -67,8 +71,23 @@ def approach(
 
     minimum = minimise(evaluate, space.reduce(start), tolerance=1e-6, floor=1e-14)
     if minimum is None:
-        return start, _nearest_start(model, observed, start)
-    return space.expand(minimum.variables, start), minimum.last.state.coordinates
+        return start, _placed(model, everything, start)
+    parameters = space.expand(minimum.variables, start)
+    if poses > TOGETHER:
+        return parameters, _placed(model, everything, parameters)
+    return parameters, minimum.last.state.coordinates
+
+
+def _placed(model: SerialModel, observed: Observations, parameters: Array) -> Array:
+    """Coordinates (P, U) nearest to closing, unsensed ones by search, many poses in turn."""
+    poses = len(observed.counts)
+    parts = []
+    for rows in np.split(np.arange(poses), range(TOGETHER, poses, TOGETHER)):
+        some = observed.take(rows)
+        parts.append(
+            _nearest_closing(model, some, parameters, _nearest_start(model, some, parameters))
+        )
+    return np.concatenate(parts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,12 +121,7 @@ def _evaluation(
 ) -> Evaluation[_Closed]:
     """Closure errors with the unsensed coordinates eliminated, and their derivative."""
     unsensed = model.unsensed
-    for _ in range(_INNER if len(unsensed) else 0):
-        at = model.linearise(u, parameters, space.expansion[:, :0], observed.fixture)
-        step = _least_squares(at.closure_by_coordinates[:, :, unsensed], -at.closure[:, :, None])
-        u[:, unsensed] += np.clip(step[:, :, 0], -0.5, 0.5)
-        if np.abs(step).max() < _AT_REST:
-            break
+    u = _nearest_closing(model, observed, parameters, u)
     at = model.linearise(u, parameters, space.expansion, observed.fixture)
     jacobian = at.closure_by_parameters + at.closure_by_coordinates[:, :, model.sensed] @ (
         model.sensing.by_parameters(observed.counts, space.expansion)
@@ -120,6 +134,21 @@ def _evaluation(
         jacobian.reshape(-1, jacobian.shape[2]),
         _Closed(variables, u, following),
     )
+
+
+def _nearest_closing(
+    model: SerialModel, observed: Observations, parameters: Array, u: Array
+) -> Array:
+    """``u`` (P, U) with the unsensed coordinates moved to where the closure error is least."""
+    u, unsensed = u.copy(), model.unsensed
+    nowhere = np.zeros((len(parameters), 0))
+    for _ in range(_INNER if len(unsensed) else 0):
+        at = model.linearise(u, parameters, nowhere, observed.fixture)
+        step = _least_squares(at.closure_by_coordinates[:, :, unsensed], -at.closure[:, :, None])
+        u[:, unsensed] += np.clip(step[:, :, 0], -0.5, 0.5)
+        if np.abs(step).max() < _AT_REST:
+            break
+    return u
 
 
 def _least_squares(matrix: Array, right: Array) -> Array:

@@ -14,7 +14,7 @@ eliminated residual: the profile likelihood's exact gradient and Gauss-Newton ma
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ from numpy.typing import NDArray
 from solver.mechanism.model import Linearised, Model
 
 Array = NDArray[np.float64]
+
+TOGETHER = 2048
+"""Poses worked on at once: larger arrays leave the processor's cache, and memory grows with them."""
 
 _LARGEST_STEP = 0.5  # rad or m a Gauss-Newton step may move a coordinate
 _OUTLYING = 30.0  # a pose this many times worse than the median may sit on another branch
@@ -103,6 +106,35 @@ def settle(
         tolerance: a pose is at rest when its step is below this fraction of one standard
             deviation plus its largest residual.
     """
+    poses = len(coordinates)
+    parts = [
+        _settle(
+            model,
+            observed.take(rows),
+            coordinates[rows],
+            parameters,
+            expansion,
+            iterations,
+            tolerance,
+        )
+        for rows in np.split(np.arange(poses), range(TOGETHER, poses, TOGETHER))
+    ]
+    if len(parts) == 1:
+        return parts[0]
+    return Settled(
+        *(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Settled))
+    )
+
+
+def _settle(
+    model: Model,
+    observed: Observations,
+    coordinates: Array,
+    parameters: Array,
+    expansion: Array,
+    iterations: int,
+    tolerance: float,
+) -> Settled:
     u = coordinates.copy()
     nowhere = expansion[:, :0]
     poses, size = u.shape
