@@ -66,7 +66,8 @@ def read_bench_table(path: Path) -> tuple[str, float, str, list[float], list[flo
                     f"'{path}' has the columns {', '.join(columns) or '(none)'}; expected 'counts' "
                     f"and one of: {', '.join(_COLUMNS)}"
                 )
-            displacement, counts = [], []
+            displacement: list[float] = []
+            counts: list[float] = []
             for row in table:
                 for cell, into in ((row[given[0]], displacement), (row["counts"], counts)):
                     try:

@@ -40,7 +40,7 @@ class Hand:
         plan: tilt, swivel, speed and dwell.
         visits: stops of one round.
         plate: what it moves.
-        spans: for each leg, lengths [m] that its sensor can show, None without limits.
+        spans: for each leg, readings [m] that its sensor can show, None without limits.
         seed: of nature.
 
     Raises:
@@ -90,7 +90,7 @@ class Hand:
             shift = plate.neutral_shift + _SHIFT * self._size * ball * plate.shifts
             if not plate.turns:
                 turn = np.broadcast_to(plate.neutral_turn, (n, 4))
-            legs = plate.lengths(turn, shift, np.zeros(n))
+            legs = plate.readings(turn, shift, np.zeros(n))
             good = np.all((legs >= low) & (legs <= high), axis=1)
             turns, shifts = np.vstack([turns, turn[good]]), np.vstack([shifts, shift[good]])
             if len(turns) >= count:

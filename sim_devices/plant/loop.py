@@ -20,7 +20,7 @@ from recordings.rig import SerialMechanism
 from sim_devices.plant.chain import Chain, ChainGeometry
 from sim_devices.plant.effects.effect import Effect
 from sim_devices.plant.errors import MechanismDoesNotClose
-from sim_devices.plant.quaternion import Array
+from sim_devices.plant.quaternion import Array, product
 
 CLOSED = 1e-11
 """Largest closure error of a closed loop [m, rad]."""
@@ -57,6 +57,8 @@ class Loop:
         self, mechanism: SerialMechanism, geometry: ChainGeometry, effects: Sequence[Effect] = ()
     ) -> None:
         self._chain = Chain(mechanism)
+        names = [joint.name for joint in mechanism.joints]
+        self._base = 0 if mechanism.base is None else names.index(mechanism.base) + 1
         self._geometry = geometry
         self._effects = effects
         joints = mechanism.joints
@@ -73,6 +75,16 @@ class Loop:
         for effect in self._effects:
             geometry = effect.geometry(geometry, time_s, variables)
         return self._chain.closure(geometry, variables)
+
+    def end(self, variables: Array, time_s: Array) -> tuple[Array, Array]:
+        """Turns (n, 4) and origins (n, 3) [m] of the chain's end, in the base frame."""
+        geometry = self._geometry
+        for effect in self._effects:
+            geometry = effect.geometry(geometry, time_s, variables)
+        turns, frames, origins = self._chain.reach(geometry, variables)
+        back = turns[:, self._base] * np.array([1.0, -1.0, -1.0, -1.0])
+        apart = origins[:, -1] - origins[:, self._base]
+        return product(back, turns[:, -1]), (frames[:, self._base] @ apart[:, :, None])[:, :, 0]
 
     @property
     def is_steady(self) -> bool:

@@ -11,7 +11,9 @@ from sim_devices.plant.chain import chain_geometry
 from sim_devices.plant.effects.effect import Effect
 from sim_devices.plant.loop import Loop
 from sim_devices.plant.plate import Plate, plate_geometry
+from sim_devices.plant.quaternion import Array
 from sim_devices.plant.sensor import Sensor
+from sim_devices.plant.tracker import Trackers
 from sim_devices.truth import Truth
 
 
@@ -24,12 +26,19 @@ class Nature:
         truth: as it is.
         mechanism: what moves.
         sensors: by channel.
+        trackers: what watches its end.
     """
 
     rig: Rig
     truth: Truth
     mechanism: Loop | Plate
     sensors: Mapping[str, Sensor]
+    trackers: Trackers
+
+    def by_channel(self, places: Array) -> dict[str, Array]:
+        """Columns of ``places`` (n, places of the rig) by the channels that sense them."""
+        names = self.rig.places
+        return {c.name: places[:, names.index(c.senses)] for c in self.rig.channels}
 
 
 def nature_of(rig: Rig, truth: Truth, effects: Sequence[Effect] = ()) -> Nature:
@@ -41,4 +50,5 @@ def nature_of(rig: Rig, truth: Truth, effects: Sequence[Effect] = ()) -> Nature:
     else:
         mechanism = Plate(rig.mechanism, plate_geometry(rig.mechanism, values), effects)
     sensors = {c.name: Sensor(c, values, effects) for c in rig.channels}
-    return Nature(rig, truth, mechanism, MappingProxyType(sensors))
+    trackers = Trackers(rig, values)
+    return Nature(rig, truth, mechanism, MappingProxyType(sensors), trackers)

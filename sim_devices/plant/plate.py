@@ -1,4 +1,4 @@
-"""A plate on legs as it really is: leg lengths |base point - R plate point - t|.
+"""A plate on legs as it really is: leg lengths |base point - R plate point - t|, and what is read of them.
 
 Owns geometry only: how the plate is moved is the hand's (`sim_devices.plant.hand`).
 """
@@ -67,6 +67,10 @@ class Plate:
         self.neutral_shift = np.array([neutral.x, neutral.y, neutral.z]) * self.shifts
         if not self.turns:
             self.neutral_turn = np.array([1.0, 0.0, 0.0, 0.0])
+        self._zero = np.zeros(len(mechanism.legs))
+        if mechanism.leg_readings == "change":
+            neutral_pose = self.neutral_turn[None], self.neutral_shift[None]
+            self._zero = self.lengths(*neutral_pose, np.zeros(1))[0]
 
     def lengths(self, turned: Array, shifted: Array, time_s: Array) -> Array:
         """Leg lengths (n, L) [m] at plate turns (n, 4), shifts (n, 3) [m] and times (n,)."""
@@ -75,3 +79,7 @@ class Plate:
             geometry = effect.geometry(geometry, time_s, np.hstack([turned, shifted]))
         ends = turn(turned[:, None], geometry.plate) + shifted[:, None]
         return np.asarray(np.linalg.norm(geometry.base - ends, axis=-1))
+
+    def readings(self, turned: Array, shifted: Array, time_s: Array) -> Array:
+        """(n, L) what legs' channels sense [m]: lengths, or their change since the neutral pose."""
+        return self.lengths(turned, shifted, time_s) - self._zero

@@ -15,6 +15,7 @@ from sim_devices.plant.nature import Nature
 from sim_devices.plant.plate import Plate
 from sim_devices.plant.quaternion import Array
 from sim_devices.plant.seeds import NOISE, stream
+from sim_devices.plant.session import legs_and_markers
 from sim_devices.plant.stop import LEAD_S
 
 
@@ -30,29 +31,30 @@ class PlatformPlant:
     def __init__(self, nature: Nature, plate: Plate, hand: Hand | None) -> None:
         rig = nature.rig
         self._plate, self._hand, self._sensors = plate, hand, nature.sensors
-        self._column = {c.name: rig.mechanism.places.index(c.senses) for c in rig.channels}
+        self._nature = nature
+        self._column = {c.name: rig.places.index(c.senses) for c in rig.channels}
         self._rng = {
             c.name: stream(nature.truth.seed, NOISE, k) for k, c in enumerate(rig.channels)
         }
         self._rounds = 0
         self._planned_until_s: float | None = None
         self._time_s = 0.0
-        self._legs = self._lengths(0.0)
-        self._rates = np.zeros_like(self._legs)
+        self._places = self._places_at(0.0)
+        self._rates = np.zeros_like(self._places)
 
     def advance(self, time_s: float) -> None:
         """Move nature to ``time_s``; a time that has passed changes nothing."""
         if time_s <= self._time_s:
             return
-        legs = self._lengths(time_s)
-        self._rates = (legs - self._legs) / (time_s - self._time_s)
-        self._legs, self._time_s = legs, time_s
+        places = self._places_at(time_s)
+        self._rates = (places - self._places) / (time_s - self._time_s)
+        self._places, self._time_s = places, time_s
 
     def sense(self, channel: str) -> int:
         """Raw counts of ``channel`` now; the first call tells the person to begin."""
         if self._planned_until_s is None:
             self._planned_until_s = self._time_s + LEAD_S
-        value = {name: self._legs[[column]] for name, column in self._column.items()}
+        value = {name: self._places[[column]] for name, column in self._column.items()}
         rate = {name: self._rates[[column]] for name, column in self._column.items()}
         course = Course(np.array([self._time_s]), value, rate)
         return int(self._sensors[channel].counts(course, self._rng[channel])[0])
@@ -65,7 +67,7 @@ class PlatformPlant:
         """Raises CannotSimulate: a platform has legs that only sense."""
         raise CannotSimulate(f"'{joint}' was asked for faults, but a platform has no drives")
 
-    def _lengths(self, time_s: float) -> Array:
+    def _places_at(self, time_s: float) -> Array:
         moment = np.array([time_s])
         if self._hand is None:
             turn, shift = self._plate.neutral_turn[None], self._plate.neutral_shift[None]
@@ -75,4 +77,4 @@ class PlatformPlant:
                 self._planned_until_s = stops[-1].leave_s
                 self._rounds += 1
             turn, shift = self._hand.plate_at(moment)
-        return np.asarray(self._plate.lengths(turn, shift, moment)[0])
+        return np.asarray(legs_and_markers(self._nature, self._plate, turn, shift, moment)[0])

@@ -65,7 +65,7 @@ class SerialPlant:
         places, seed = rig.mechanism.places, nature.truth.seed
         self._loop, self._sensors = loop, nature.sensors
         self._speed = rig.plan.move if rig.plan else SPEED
-        self._column = {c.name: places.index(c.senses) for c in rig.channels}
+        self._column = {c.name: places.index(c.senses) for c in rig.channels if c.senses in places}
         self._rng = {c.name: stream(seed, NOISE, k) for k, c in enumerate(rig.channels)}
         self._drives: dict[str, _Drive] = {}
         for joint, place in enumerate(places):

@@ -59,23 +59,41 @@ def play(nature: Nature, poses: int | None = None) -> Played:
         tour = _driven(nature, mechanism, poses)
         stops = tour.stops
         time_s = _samples(plan, stops)
-        places = tour.variables_at(time_s)
+        places = _joints_and_markers(nature, mechanism, tour.variables_at(time_s), time_s)
     else:
         hand = scripted_hand(nature, mechanism, poses)
         stops = hand.round(0, LEAD_S)
         time_s = _samples(plan, stops)
-        places = mechanism.lengths(*hand.plate_at(time_s), time_s)
-    return Played(sampled_course(time_s, _by_channel(nature, places)), stops)
+        places = legs_and_markers(nature, mechanism, *hand.plate_at(time_s), time_s)
+    return Played(sampled_course(time_s, nature.by_channel(places)), stops)
 
 
 def resting(nature: Nature, poses: int | None = None) -> Mapping[str, Array]:
     """By channel, its value at every stop that the plan reaches [rad or m]; raises as `play` does."""
     mechanism = nature.mechanism
     if isinstance(mechanism, Loop):
-        return _by_channel(nature, _driven(nature, mechanism, poses).at_stops())
+        tour = _driven(nature, mechanism, poses)
+        arrived = np.array([stop.arrive_s for stop in tour.stops if not stop.faults])
+        places = _joints_and_markers(nature, mechanism, tour.at_stops(), arrived)
+        return nature.by_channel(places)
     hand = scripted_hand(nature, mechanism, poses)
     arrived = np.array([stop.arrive_s for stop in hand.round(0, LEAD_S)])
-    return _by_channel(nature, mechanism.lengths(*hand.plate_at(arrived), arrived))
+    return nature.by_channel(legs_and_markers(nature, mechanism, *hand.plate_at(arrived), arrived))
+
+
+def legs_and_markers(
+    nature: Nature, plate: Plate, turned: Array, shifted: Array, time_s: Array
+) -> Array:
+    """(n, places) what a platform's places do, at plate turns (n, 4) and shifts (n, 3) [m]."""
+    legs = plate.readings(turned, shifted, time_s)
+    return np.hstack([legs, nature.trackers.seen(turned, shifted)])
+
+
+def _joints_and_markers(nature: Nature, loop: Loop, variables: Array, time_s: Array) -> Array:
+    """(n, places) what a chain's places do, at joint variables (n, J)."""
+    if not nature.rig.trackers:
+        return variables
+    return np.hstack([variables, nature.trackers.seen(*loop.end(variables, time_s))])
 
 
 def scripted_hand(nature: Nature, plate: Plate, poses: int | None = None) -> Hand:
@@ -100,12 +118,6 @@ def _driven(nature: Nature, loop: Loop, poses: int | None) -> Tour:
             "driven plan"
         )
     return drive_tour(nature, loop, visits(plan, poses), plan)
-
-
-def _by_channel(nature: Nature, places: Array) -> dict[str, Array]:
-    """Columns of ``places`` (n, joints or legs) by the channels that sense them."""
-    names = nature.rig.mechanism.places
-    return {c.name: places[:, names.index(c.senses)] for c in nature.rig.channels}
 
 
 def _samples(plan: Plan, stops: tuple[Stop, ...]) -> Array:

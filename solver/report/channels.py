@@ -62,7 +62,7 @@ def channel_summaries(solution: Solution, expected: Array) -> tuple[ChannelSumma
     for c, channel in enumerate(solution.rig.channels):
         gain = abs(float(value[f"{channel.name}.gain"]))
         noise = float(table.noise[c]) * gain
-        unit = fine_unit(solution.rig.mechanism.dimension_of(channel.senses), noise)
+        unit = fine_unit(solution.rig.dimension_of(channel.senses), noise)
         out.append(
             ChannelSummary(
                 name=channel.name,

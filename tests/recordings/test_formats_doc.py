@@ -33,6 +33,7 @@ from recordings.rig.mechanism import (
 )
 from recordings.rig.plan import Revisit
 from recordings.rig.quantity import Described
+from recordings.rig.tracker import Marker, Tracker
 from recordings.session import Session, to_metadata
 
 ROOT = Path(recordings.__file__).parent.parent
@@ -52,6 +53,8 @@ TABLES: dict[type[Described], str] = {
     Leg: "`[[mechanism.leg]]`:",
     Neutral: "`neutral`:",
     Channel: "## `[[channel]]`",
+    Tracker: "## `[[tracker]]`",
+    Marker: "`[[tracker.marker]]`:",
     CanPort: "A CAN bus:",
     SerialPort: "A serial line:",
     Device: "## `[[device]]`",

@@ -284,7 +284,7 @@ def test_several_mistakes_are_told_at_once(rig_toml: str) -> None:
 
 
 def test_files_that_cannot_be_read_are_told(tmp_path: Path) -> None:
-    with pytest.raises(RigError, match=r"no rig file .*nowhere.*bundled rigs: arm, shoulder"):
+    with pytest.raises(RigError, match=r"no rig file .*nowhere.*bundled rigs: arm, "):
         load_rig(str(tmp_path / "nowhere"))
     with pytest.raises(RigError, match="cannot read the rig file"):
         load_rig(str(tmp_path))

@@ -59,7 +59,7 @@ class Nonlinearity(Effect):
             raise BadEffect(f"the size of '{cls.name}' is '{request.size}', expected above 0")
         if size.percent and size.number > 10:
             raise BadEffect(f"the size of '{cls.name}' is '{request.size}', expected at most 10%")
-        angular = request.rig.mechanism.dimension_of(channel.senses) == "angle"
+        angular = request.rig.dimension_of(channel.senses) == "angle"
         unit, to_si = ("deg", np.pi / 180) if angular else ("m", 1.0)
         gain, offset = (request.values[f"{channel.name}.{part}"] for part in ("gain", "offset"))
         ends = np.array(channel.count_range) - channel.zero_count

@@ -37,7 +37,7 @@ def residuals(solution: Solution, expected: Array) -> Picture:
     poses, channels = table.counts.shape
     used = np.isin(np.arange(poses), solution.selection.poses)
     gains = _gains(solution)
-    dimensions = [solution.rig.mechanism.dimension_of(c.senses) for c in solution.rig.channels]
+    dimensions = [solution.rig.dimension_of(c.senses) for c in solution.rig.channels]
     before = np.where(solution.before.closed[:, None], solution.before.residual, np.nan)
     after = np.where(solution.after.closed[:, None], solution.after.residual, np.nan)
     reach = 1.08 * max(

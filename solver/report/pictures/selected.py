@@ -50,8 +50,8 @@ def selected(solution: Solution) -> Picture:
 
 def _readings(solution: Solution) -> tuple[Array, list[Unit]]:
     """(P, C) calibrated readings, each in its unit."""
-    mechanism = solution.rig.mechanism
-    units = [unit_for(mechanism.dimension_of(channel.senses)) for channel in solution.rig.channels]
+    rig = solution.rig
+    units = [unit_for(rig.dimension_of(channel.senses)) for channel in rig.channels]
     value = dict(
         zip(
             (p.name for p in solution.estimate.space.table),
