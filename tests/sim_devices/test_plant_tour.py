@@ -28,11 +28,12 @@ def test_every_sample_closes_the_loop(tour):
 
 
 def test_dwells_are_at_rest(tour):
+    plan = load_rig("arm").plan
     for stop in tour.stops:
         rest = tour.variables_at(np.linspace(stop.arrive_s + 1e-9, stop.leave_s - 1e-9, 20))
         np.testing.assert_array_equal(rest, np.broadcast_to(rest[0], rest.shape))
-        assert stop.rest_s - stop.arrive_s == pytest.approx(0.2)
-        assert stop.leave_s - stop.rest_s == pytest.approx(0.4)
+        assert stop.rest_s - stop.arrive_s == pytest.approx(plan.settle)
+        assert stop.leave_s - stop.rest_s == pytest.approx(plan.dwell)
 
 
 def test_the_same_pose_is_the_same_configuration_at_every_visit(tour):
