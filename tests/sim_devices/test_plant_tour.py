@@ -27,8 +27,8 @@ def test_every_sample_closes_the_loop(tour):
     assert np.abs(np.diff(variables, axis=0)).max() < 0.1
 
 
-def test_dwells_are_at_rest(tour):
-    plan = load_rig("arm").plan
+def test_dwells_are_at_rest(tour, arm):
+    plan = arm.plan
     for stop in tour.stops:
         rest = tour.variables_at(np.linspace(stop.arrive_s + 1e-9, stop.leave_s - 1e-9, 20))
         np.testing.assert_array_equal(rest, np.broadcast_to(rest[0], rest.shape))
