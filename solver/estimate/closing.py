@@ -90,6 +90,24 @@ def _placed(model: SerialModel, observed: Observations, parameters: Array) -> Ar
     return np.concatenate(parts)
 
 
+def placed(
+    model: SerialModel, space: ParameterSpace, observed: Observations, start: Array
+) -> Array:
+    """``start`` (N,) with fixtures of unknown place where the readings, taken as they are, put them.
+
+    Unknown is what is identified without a stated uncertainty.
+    """
+    held_at = set(model.fixture_parameters.tolist())
+    unknown = [
+        space.table[i].name
+        for i in space.identified
+        if int(i) in held_at and space.table[i].uncertainty is None
+    ]
+    if not unknown:
+        return start
+    return approach(model, ParameterSpace.of(space.table, unknown), observed, start)[0]
+
+
 @dataclass(frozen=True, slots=True)
 class _Closed:
     """Coordinates (P, U) at reduced parameters (n,), and how the unsensed ones follow them (P, k, n)."""

@@ -17,7 +17,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.rig import FREEDOMS, Parameter, Rig, SerialMechanism, parameters
+from recordings.rig import FREEDOMS, POSE, Parameter, Rig, SerialMechanism, parameters
 from solver.errors import MechanismError
 from solver.mechanism.chain import Chain, Motion
 from solver.mechanism.distances import KnownDistances
@@ -97,6 +97,7 @@ class SerialModel:
         homes: (U,) coordinates near which the mechanism is assembled.
         base: number of motions before the base frame.
         end: number of motions before the endpoint; free endpoint freedoms come after it.
+        fixture_parameters: (F,) indices of the fixtures' parameters.
         distances: what is known of the fixtures' distances.
         elsewhere: the same mechanism held in each of the other fixtures.
     """
@@ -111,6 +112,7 @@ class SerialModel:
     homes: Array
     base: int
     end: int
+    fixture_parameters: NDArray[np.intp]
     distances: KnownDistances
     elsewhere: tuple[SerialModel, ...] = ()
 
@@ -150,6 +152,10 @@ class SerialModel:
                 np.array(homes),
                 loop.base,
                 loop.end,
+                np.array(
+                    [index[f"{name}.{part}"] for name in mechanism.fixture_names for part in POSE],
+                    dtype=np.intp,
+                ),
                 KnownDistances.of(mechanism.distances, index),
             )
             for loop in loops
