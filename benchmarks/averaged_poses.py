@@ -7,11 +7,15 @@ run closes some of them at a truth of its own, and reads them with the rig's sta
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from recordings.events import Dwell
+from recordings.recording import Readings, Recording
 from recordings.rig import Rig, load_rig, parameters, visits
+from recordings.session import Session
 from solver.estimate.nuisance import Observations
 from solver.mechanism.model import Model, model_of
 from solver.mechanism.space import ParameterSpace
@@ -21,6 +25,8 @@ Array = NDArray[np.float64]
 
 _STEPS = 40  # from home to a target, so that every pose stays on the branch of home
 _NEWTON = 6
+_SAMPLE_NS = 10_000_000
+_DWELL_EVERY_NS = 1_500_000_000
 
 
 @dataclass(frozen=True)
@@ -82,6 +88,39 @@ class Mechanism:
         exact = self.readings(truth, self.configurations(truth, poses, rng))
         sigma = np.tile(self.noise(samples), (poses, 1))
         return Observations(exact + sigma * rng.standard_normal(exact.shape), sigma)
+
+    def recording(
+        self, truth: Array, coordinates: Array, samples: int, rng: np.random.Generator
+    ) -> Recording:
+        """``samples`` whole counts of every channel in a dwell at each of ``coordinates`` (P, U)."""
+        exact = self.readings(truth, coordinates)
+        poses = len(exact)
+        starts = np.arange(poses, dtype=np.int64) * _DWELL_EVERY_NS
+        time = (starts[:, None] + np.arange(samples, dtype=np.int64) * _SAMPLE_NS).ravel()
+        noise = self.noise(1)
+        readings = {}
+        for c, channel in enumerate(self.rig.channels):
+            drawn = exact[:, c, None] + noise[c] * rng.standard_normal((poses, samples))
+            raw = np.round(drawn).astype(np.int64).ravel()
+            flags = np.zeros(len(raw), dtype=np.uint32)
+            readings[channel.name] = Readings(channel.name, time, raw, None, None, flags)
+        dwells = tuple(
+            Dwell(int(t), int(t), int(t) + samples * _SAMPLE_NS, i, 0) for i, t in enumerate(starts)
+        )
+        return Recording(
+            Path("in-memory"),
+            self.rig,
+            "",
+            Session(),
+            readings,
+            dwells,
+            marks=(),
+            faults=(),
+            mode_commands=(),
+            mode_reports=(),
+            clock=(),
+            ledger={},
+        )
 
 
 def _driven(rig: Rig, model: Model, nominal: Array, count: int) -> Array:
