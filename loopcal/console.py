@@ -5,14 +5,13 @@ Exit codes: 0 done; 1 done, and the answer is bad; 2 wrong input or use.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NoReturn
 
 import typer
 from rich.console import Console
-
-from recordings.errors import RecordingsError
 
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
@@ -27,19 +26,29 @@ def fail(message: str) -> NoReturn:
     raise typer.Exit(WRONG_INPUT)
 
 
+_ROOTS = (
+    ("recordings.errors", "RecordingsError"),
+    ("solver.errors", "SolverError"),
+    ("drivers.errors", "DriverError"),
+    ("daq.errors", "DaqError"),
+    ("sim_devices.errors", "SimDevicesError"),
+)
+"""The root exception of every room. A room that no verb has imported cannot have raised."""
+
+
 @contextmanager
 def explained() -> Iterator[None]:
     """Turn the rooms' errors into one message and exit code 2; anything else is a bug and keeps its traceback."""
-    from daq.errors import DaqError
-    from drivers.errors import DriverError
-    from sim_devices.errors import SimDevicesError
-    from solver.errors import SolverError
-
     try:
         yield
-    except (RecordingsError, SolverError, DriverError, DaqError, SimDevicesError) as error:
-        fail(str(error))
     except FileExistsError as error:
         fail(
             f"{error.filename or error} exists already; choose another name, nothing was overwritten"
         )
+    except Exception as error:
+        roots = [
+            getattr(sys.modules[module], name) for module, name in _ROOTS if module in sys.modules
+        ]
+        if not isinstance(error, tuple(roots)):
+            raise
+        fail(str(error))

@@ -162,16 +162,31 @@ def _spread(corners: NDArray[np.float64], count: int, seed: int) -> NDArray[np.f
     if corners.shape[1] == 1:
         line: NDArray[np.float64] = low + _additive(1, count, seed) * (high - low)
         return line
-    from scipy.spatial import Delaunay  # slow to import, and most uses of this room need none of it
-
-    hull = Delaunay(corners)
     drawn = 2 * count
     while True:
         points: NDArray[np.float64] = low + _additive(corners.shape[1], drawn, seed) * (high - low)
-        inside = points[hull.find_simplex(points) >= 0]
+        inside = points[_within(points, corners)]
         if len(inside) >= count:
             return inside[:count]
         drawn *= 2
+
+
+def _within(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points (P, d) lie in the convex hull of ``corners`` (C, d)."""
+    if corners.shape[1] > 2:
+        from scipy.spatial import Delaunay  # slow to import, and two drives are the usual case
+
+        found: NDArray[np.bool_] = Delaunay(corners).find_simplex(points) >= 0
+        return found
+    # A point is inside when every edge that has all corners on its left has the point there too.
+    inside = np.ones(len(points), dtype=bool)
+    for start in corners:
+        for along in corners - start:
+            left = along[0] * (corners - start)[:, 1] - along[1] * (corners - start)[:, 0]
+            if np.any(along) and (left >= -1e-12).all():
+                off = points - start
+                inside &= along[0] * off[:, 1] - along[1] * off[:, 0] >= 0
+    return inside
 
 
 def _additive(dimensions: int, count: int, seed: int) -> NDArray[np.float64]:
