@@ -77,6 +77,108 @@ def rig_show(rig: RigArgument) -> None:
         out.file.write(rig_text(rig)[0])
 
 
+@rig_app.command("from-urdf")
+def rig_from_urdf(
+    urdf: Annotated[Path, typer.Argument(metavar="ARM.urdf", help="The arm as a URDF.")],
+    tip: Annotated[str, typer.Option("--tip", metavar="LINK", help="The link that is held.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="RIG", help="Rig to write.")],
+    constraint: Annotated[
+        str, typer.Option("--constraint", help="rigid, hinge, slider, ball or plane.")
+    ] = "ball",
+    fixture: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fixture", metavar="NAME", help="A place that holds the tip. May be repeated."
+        ),
+    ] = None,
+    length_mm: Annotated[
+        float,
+        typer.Option(min=0.0, help="Uncertainty of each length of a joint's origin; 0: exact."),
+    ] = 2.0,
+    angle_mrad: Annotated[
+        float,
+        typer.Option(min=0.0, help="Uncertainty of each angle of a joint's origin; 0: exact."),
+    ] = 10.0,
+    encoder_mrad: Annotated[
+        float, typer.Option(min=0.0, help="Uncertainty of each joint's zero besides; 0: exact.")
+    ] = 0.0,
+    noise_mrad: Annotated[float, typer.Option(min=0.0, help="Noise of one joint reading.")] = 0.2,
+    exact_tip: Annotated[
+        bool, typer.Option("--exact-tip", help="The transform to the tip is known exactly.")
+    ] = False,
+) -> None:
+    """Start a rig from a URDF: the chain from its root to a link, ready to calibrate."""
+    from loopcal.arms import write_rig
+    from recordings.urdf import Doubts
+
+    doubts = Doubts(
+        length_m=1e-3 * length_mm,
+        angle_rad=1e-3 * angle_mrad,
+        encoder_rad=1e-3 * encoder_mrad,
+        noise_rad=1e-3 * noise_mrad,
+        tip=not exact_tip,
+    )
+    with explained():
+        write_rig(urdf, tip, constraint, tuple(fixture or ("fixture",)), doubts, output)
+    out.print(f"wrote {output}", markup=False)
+
+
+@app.command("export-urdf")
+def export_urdf(
+    result: Annotated[Path, typer.Argument(metavar="RESULT.json", help="From solve --json.")],
+    urdf: Annotated[
+        Path, typer.Argument(metavar="ARM.urdf", help="The URDF that the rig was made from.")
+    ],
+    tip: Annotated[str, typer.Option("--tip", metavar="LINK", help="The link that was held.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="URDF to write.")],
+) -> None:
+    """Write a URDF whose joint origins are the calibrated ones; all else stays as it was."""
+    from loopcal.arms import write_calibrated
+
+    with explained():
+        write_calibrated(result, urdf, tip, output)
+    out.print(f"wrote {output}", markup=False)
+
+
+@app.command("import")
+def import_(
+    rig: RigArgument,
+    tables: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="TABLE.csv...",
+            help="Tables of poses, or FIXTURE=TABLE.csv for one of a fixture.",
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE", help="Recording to write.")
+    ],
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            "--columns",
+            metavar="q1_rad,q2_rad,...",
+            help="Column names of tables that have no header line.",
+        ),
+    ] = None,
+) -> None:
+    """Turn tables of readings taken elsewhere (<channel>_<unit>, a pose a row) into a recording."""
+    from loopcal.arms import table_of
+    from recordings.rig import parse_rig, rig_text
+    from recordings.tables import import_tables
+
+    with explained():
+        text, source = rig_text(rig)
+        rows = import_tables(
+            parse_rig(text, source),
+            text,
+            [table_of(item) for item in tables],
+            output,
+            columns=None if columns is None else [name.strip() for name in columns.split(",")],
+        )
+    out.print(f"wrote {output}: {rows} poses", markup=False)
+
+
 @app.command()
 def sim(
     rig: RigArgument,

@@ -12,6 +12,10 @@ class RigError(RecordingsError):
     """A rig description is not valid; names each key, what was found and what is allowed."""
 
 
+class TableError(RecordingsError):
+    """A table of poses cannot be read or does not fit its rig."""
+
+
 class RecordingError(RecordingsError):
     """A recording cannot be written or read."""
 

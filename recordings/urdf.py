@@ -1,0 +1,297 @@
+"""URDF in and out: a rig from the chain between two links, and the document with calibrated origins.
+
+Owns what of a URDF a calibration needs: the joints from the root to the tip. Moving joints
+become joints of convention ``urdf``; fixed ones are folded into the origin behind them, and
+those behind the last moving joint into ``tip``. Meshes, masses and other branches are left
+as they are. Refuses floating and planar joints and joints that mimic others.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+from urdf_parser_py import urdf
+from urdf_parser_py.xml_reflection import core as reflection
+
+from recordings.errors import RigError
+from recordings.rig.mechanism import CONSTRAINTS, POSE
+from recordings.rig.rig import parse_rig
+
+Array = NDArray[np.float64]
+
+COUNT = 1e-9
+"""Size of a count in rigs and recordings made from tables [rad, m]: nothing an encoder knows is lost."""
+
+_MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
+_LOCKED = 1e-6  # |cos ry| below which turns about x and z are the same
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Doubts:
+    """What a rig from a URDF does not know exactly; a width of 0 leaves that part as it is.
+
+    Attributes:
+        length_m: standard uncertainty of each x, y, z of an origin.
+        angle_rad: of each rx, ry, rz of an origin.
+        encoder_rad: of each joint's zero [rad, or m for a slide].
+        noise_rad: standard deviation of one joint reading [rad or m].
+        tip: whether the tip is uncertain as well.
+    """
+
+    length_m: float = 2e-3
+    angle_rad: float = 10e-3
+    encoder_rad: float = 0.0
+    noise_rad: float = 2e-4
+    tip: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class _Link:
+    """A moving joint with all that is fixed between it and the moving joint before it.
+
+    Attributes:
+        joint: of the URDF; None for what is behind the last moving joint.
+        before: (4, 4), product of the fixed joints ahead of it.
+        origin: (4, 4), of the joint, or of the last fixed one behind the last moving joint.
+        name: of the joint whose origin that is; None where there is none.
+    """
+
+    joint: urdf.Joint | None
+    before: Array
+    origin: Array
+    name: str | None
+
+    @property
+    def transform(self) -> Array:
+        """(4, 4), from the frame of the moving joint before it."""
+        return np.asarray(self.before @ self.origin)
+
+
+def rig_from_urdf(
+    text: str,
+    tip: str,
+    constraint: str,
+    *,
+    fixtures: Sequence[str] = ("fixture",),
+    doubts: Doubts | None = None,
+) -> str:
+    """The TOML text of a rig for the chain from the root of a URDF to the link ``tip``.
+
+    Channels are called q1, q2, ... from the root on, in counts of 1e-9 rad or m. The fixtures'
+    places are unknown: they start where the middle of the joint limits puts the tip.
+
+    Raises:
+        RigError: not a URDF, no such link, or a chain that a rig cannot describe.
+    """
+    doubts = doubts or Doubts()
+    if constraint not in CONSTRAINTS:
+        raise RigError(
+            f"the constraint is '{constraint}', expected one of: {', '.join(CONSTRAINTS)}"
+        )
+    robot = _parsed(text)
+    links = _chain(robot, tip)
+    lines = [
+        f"# The chain to {tip} of the URDF of {robot.name}; written by loopcal rig from-urdf.",
+        "schema = 1",
+        f'name = "{robot.name}"',
+        "",
+        "[mechanism]",
+        'family = "serial"',
+        f'closure = {{ constraint = "{constraint}" }}',
+    ]
+    channels: list[str] = []
+    reached = np.eye(4)
+    for number, link in enumerate(links, 1):
+        at = _pose_of(link.transform)
+        reached = reached @ link.transform
+        if link.joint is None:
+            if link.name is not None:
+                lines += ["", "[mechanism.tip]", *_pose_lines(at, doubts, known=not doubts.tip)]
+            continue
+        joint, axis = link.joint, _axis(link.joint)
+        home = 0.0 if joint.limit is None or joint.type == "continuous" else _middle(joint)
+        kind = _MOVING[joint.type]
+        unit = "rad" if kind == "revolute" else "m"
+        lines += ["", "[[mechanism.joint]]", f'name = "{joint.name}"', f'type = "{kind}"']
+        lines += [
+            'convention = "urdf"',
+            f"axis = {[float(a) for a in axis]}",
+            f"home_{unit} = {home!r}",
+        ]
+        if joint.limit is not None and joint.type != "continuous":
+            lines.append(
+                f"limits_{unit} = [{float(joint.limit.lower)!r}, {float(joint.limit.upper)!r}]"
+            )
+        lines += _pose_lines(at, doubts, known=False)
+        channels += ["", "[[channel]]", f'name = "q{number}"', f'senses = "{joint.name}"']
+        channels += [
+            f"gain_{unit}_per_count = {COUNT!r}",
+            f"noise_counts = {doubts.noise_rad / COUNT!r}",
+        ]
+        if doubts.encoder_rad > 0:
+            channels.append(f"offset_{unit} = {_uncertain(0.0, doubts.encoder_rad)}")
+        reached = reached @ _moved(axis, home, kind)
+    sought = [part for part in POSE if part not in CONSTRAINTS[constraint]]
+    for name in fixtures:
+        lines += ["", "[[mechanism.fixture]]", f'name = "{name}"']
+        for part, value in zip(POSE, _pose_of(reached), strict=True):
+            unit = "m" if part in "xyz" else "rad"
+            wanted = f"{{ nominal = {value!r}, identify = true }}"
+            lines.append(f"{part}_{unit} = {wanted if part in sought else repr(value)}")
+    toml = "\n".join([*lines, *channels]) + "\n"
+    parse_rig(toml, f"the rig of robot '{robot.name}'")
+    return toml
+
+
+def calibrated_urdf(text: str, tip: str, values: Mapping[str, float]) -> str:
+    """A URDF whose origins are those of a calibrated rig; all else stays as it was.
+
+    Args:
+        text: the URDF that the rig was made from.
+        tip: the link that it was made for.
+        values: parameters by name, SI, as `rig_from_urdf` names them. Offsets of q1, q2, ... become
+            part of the origins; nothing else of a channel can be said in a URDF.
+
+    Raises:
+        RigError: not a URDF, no such link, or a parameter of the chain is missing.
+    """
+    document = etree.fromstring(text.encode("utf-8"))
+    elements = {element.get("name"): element for element in document.findall("joint")}
+    for number, link in enumerate(_chain(_parsed(text), tip), 1):
+        if link.name is None:
+            continue
+        owner = link.name if link.joint is not None else "tip"
+        try:
+            estimate = _transform(*(values[f"{owner}.{part}"] for part in POSE))
+            offset = values.get(f"q{number}.offset", 0.0)
+        except KeyError as error:
+            raise RigError(
+                f"the values have no parameter {error}; they are not of a rig made from this URDF"
+            ) from error
+        if link.joint is not None:
+            estimate = estimate @ _moved(_axis(link.joint), offset, _MOVING[link.joint.type])
+        pose = _pose_of(np.linalg.inv(link.before) @ estimate)
+        element = elements[link.name]
+        origin = element.find("origin")
+        if origin is None:
+            origin = etree.SubElement(element, "origin")
+        origin.set("xyz", " ".join(repr(value) for value in pose[:3]))
+        origin.set("rpy", " ".join(repr(value) for value in pose[3:]))
+    # The serializer would run what stands ahead of the root element together.
+    ahead = re.split(r"<robot[\s>]", text, maxsplit=1)[0]
+    return ahead + str(etree.tostring(document, encoding="unicode")) + "\n"
+
+
+def _parsed(text: str) -> urdf.URDF:
+    try:
+        robot = urdf.URDF.from_xml_string(text.encode("utf-8"))
+    except (SyntaxError, reflection.ParseError, AssertionError, ValueError) as error:
+        raise RigError(f"not a URDF: {error}") from error
+    return robot
+
+
+def _chain(robot: urdf.URDF, tip: str) -> list[_Link]:
+    """The moving joints from the root to ``tip``, then what is fixed behind the last of them."""
+    if tip not in robot.link_map:
+        raise RigError(f"the URDF has no link '{tip}'; it has: {', '.join(sorted(robot.link_map))}")
+    names: list[str] = []
+    link = tip
+    while link in robot.parent_map:
+        name, link = robot.parent_map[link]
+        names.append(name)
+    out: list[_Link] = []
+    before, last, owner = np.eye(4), np.eye(4), None
+    for name in reversed(names):
+        joint = robot.joint_map[name]
+        before = before @ last
+        last, owner = _origin(joint), name
+        if joint.type in _MOVING:
+            if joint.mimic is not None:
+                raise RigError(
+                    f"joint '{name}' mimics '{joint.mimic.joint}', which no rig describes"
+                )
+            out.append(_Link(joint, before, last, name))
+            before, last, owner = np.eye(4), np.eye(4), None
+        elif joint.type != "fixed":
+            raise RigError(
+                f"joint '{name}' is of type {joint.type}, expected fixed, revolute, continuous or prismatic"
+            )
+    if not out:
+        raise RigError(f"no joint moves between the root of the URDF and the link '{tip}'")
+    return [*out, _Link(None, before, last, owner)]
+
+
+def _origin(joint: urdf.Joint) -> Array:
+    if joint.origin is None:
+        return np.eye(4)
+    x, y, z = joint.origin.xyz or (0.0, 0.0, 0.0)
+    rx, ry, rz = joint.origin.rpy or (0.0, 0.0, 0.0)
+    return _transform(x, y, z, rx, ry, rz)
+
+
+def _axis(joint: urdf.Joint) -> Array:
+    axis = np.array(joint.axis if joint.axis is not None else (1.0, 0.0, 0.0), dtype=np.float64)
+    length = float(np.linalg.norm(axis))
+    if not length > 0:
+        raise RigError(f"joint '{joint.name}' has an axis of length 0")
+    return axis / length
+
+
+def _middle(joint: urdf.Joint) -> float:
+    return 0.5 * (float(joint.limit.lower) + float(joint.limit.upper))
+
+
+def _moved(axis: Array, size: float, kind: str) -> Array:
+    """(4, 4), a turn about or a slide along ``axis`` (3,) by ``size``; Rodrigues' formula."""
+    out = np.eye(4)
+    if kind == "prismatic":
+        out[:3, 3] = axis * size
+        return out
+    x, y, z = axis
+    hat = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    out[:3, :3] += np.sin(size) * hat + (1.0 - np.cos(size)) * (hat @ hat)
+    return out
+
+
+def _transform(x: float, y: float, z: float, rx: float, ry: float, rz: float) -> Array:
+    """(4, 4), Tx Ty Tz Rz Ry Rx."""
+    turns = [_moved(unit, a, "revolute") for unit, a in zip(np.eye(3), (rx, ry, rz), strict=True)]
+    out = turns[2] @ turns[1] @ turns[0]
+    out[:3, 3] = x, y, z
+    return np.asarray(out)
+
+
+def _pose_of(transform: Array) -> tuple[float, ...]:
+    """x, y, z, rx, ry, rz of a transform (4, 4)."""
+    turn = transform[:3, :3]
+    level = float(np.hypot(turn[0, 0], turn[1, 0]))
+    ry = float(np.arctan2(-turn[2, 0], level))
+    if level > _LOCKED:
+        rx, rz = np.arctan2(turn[2, 1], turn[2, 2]), np.arctan2(turn[1, 0], turn[0, 0])
+    else:
+        rx, rz = np.arctan2(-turn[1, 2], turn[1, 1]), 0.0
+    # Adding 0 turns -0.0 into 0.0, which reads better in a file.
+    return tuple(float(value) + 0.0 for value in (*transform[:3, 3], rx, ry, rz))
+
+
+def _uncertain(value: float, width: float) -> str:
+    return f"{{ nominal = {value!r}, uncertainty = {width!r}, identify = true }}"
+
+
+def _pose_lines(at: tuple[float, ...], doubts: Doubts, *, known: bool) -> list[str]:
+    out = []
+    locked = abs(np.cos(at[4])) < _LOCKED
+    if locked and not known:
+        out.append("# ry is a right angle: turns about x and z are the same here, so rz is held")
+    for part, value in zip(POSE, at, strict=True):
+        length = part in "xyz"
+        width = doubts.length_m if length else doubts.angle_rad
+        held = known or not width > 0 or (locked and part == "rz")
+        text = repr(value) if held else _uncertain(value, width)
+        out.append(f"{part}_{'m' if length else 'rad'} = {text}")
+    return out
