@@ -28,6 +28,7 @@ TOGETHER = 2048
 
 _LARGEST_STEP = 0.5  # rad or m a Gauss-Newton step may move a coordinate
 _OUTLYING = 30.0  # a pose this many times worse than the median may sit on another branch
+_ASTRAY = 1000.0  # the same where the start has followed the branch: 20 standard deviations
 _NEIGHBOURS = 3  # whose assembly such a pose tries
 _HANDED_ON = 5  # times that an assembly is handed from neighbour to neighbour
 _REGULARISED = (
@@ -246,18 +247,20 @@ def _settled(
 def assemble(model: Model, observed: Observations, parameters: Array) -> Array:
     """Starting coordinates (P, U) for every pose, from the model's own starts.
 
-    Each pose takes the start that is nearest to closing and to its readings; a pose that
-    does not settle from there, or settles far worse than the others do, tries its next best.
+    Each pose takes the start that is nearest to closing, or where nothing has to close the
+    model's first; a pose that does not settle from there, or settles far worse than the others
+    do, tries the next. Without closure the first start has followed its branch from the
+    neutral pose, and at wrong parameters some pose always fits badly: only one that fits worse
+    than that could explain may leave its branch, because there is little to tell it from others.
     """
     nowhere = np.zeros((len(parameters), 0))
     starts = model.starts(observed.counts, parameters)
     scores = np.empty(starts.shape[:2])
     for s, start in enumerate(starts):
         at = model.linearise(start, parameters, nowhere, observed.fixture)
-        misread = ((observed.counts - at.readings) / observed.sigma) ** 2
-        scores[s] = (
-            misread.sum(axis=1) if not at.closure.shape[1] else np.sum(at.closure**2, axis=1)
-        )
+        closes = at.closure.shape[1] > 0
+        scores[s] = np.sum(at.closure**2, axis=1) if closes else s
+    outlying = _OUTLYING if closes else _ASTRAY
     order = np.argsort(scores, axis=0)
     every = np.arange(starts.shape[1])
     best: Array = starts[order[0], every]
@@ -270,14 +273,19 @@ def assemble(model: Model, observed: Observations, parameters: Array) -> Array:
         best[todo[better]] = found.coordinates[better]
         cost[todo[better]] = now[better]
         usual = np.median(cost)
-        todo = np.flatnonzero(~(cost <= _OUTLYING * max(usual, 1.0)))
+        todo = np.flatnonzero(~(cost <= outlying * max(usual, 1.0)))
         if not len(todo):
             break
-    return _from_neighbours(model, observed, parameters, best, cost)
+    return _from_neighbours(model, observed, parameters, best, cost, outlying)
 
 
 def _from_neighbours(
-    model: Model, observed: Observations, parameters: Array, coordinates: Array, cost: Array
+    model: Model,
+    observed: Observations,
+    parameters: Array,
+    coordinates: Array,
+    cost: Array,
+    outlying: float,
 ) -> Array:
     """``coordinates`` (P, U) with the poses that settled badly restarted from poses that read nearly alike.
 
@@ -289,7 +297,7 @@ def _from_neighbours(
     spread = observed.counts.std(axis=0) + observed.sigma.mean(axis=0)
     where = observed.counts / spread
     for _ in range(_HANDED_ON):
-        badly = ~(cost <= _OUTLYING * max(float(np.median(cost)), 1.0))
+        badly = ~(cost <= outlying * max(float(np.median(cost)), 1.0))
         todo, well = np.flatnonzero(badly), np.flatnonzero(~badly)
         if not len(todo) or not len(well):
             break
