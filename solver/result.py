@@ -35,14 +35,27 @@ def result(solution: Solution) -> dict[str, Any]:
             "recorded": len(solution.table.counts),
             "used": len(solution.selection.poses) - estimate.left_out,
             "rejected": len(solution.table.rejected),
+            "downweighted": [
+                {"pose": int(solution.selection.poses[i]), "weight": float(estimate.weights[i])}
+                for i in estimate.downweighted
+                if estimate.weights is not None
+            ],
         },
+        "loss": estimate.loss.value,
+        "priors": estimate.priors,
         "parameters": [
             _parameter(p, float(value), errors.get(p.name))
             for p, value in zip(space.table, estimate.parameters, strict=True)
         ],
         "unidentifiable": [
-            {"combination": words, "held_by": "nominal values"}
-            for words in solution.identifiability.combinations
+            {"combination": words, "held_by": by}
+            for words, by in zip(
+                solution.identifiability.combinations, solution.identifiability.held_by, strict=True
+            )
+        ],
+        "findings": [
+            {"kind": found.kind, "grade": found.grade, "text": found.text}
+            for found in solution.findings
         ],
         "condition_number": {
             "raw": _number(solution.raw.condition),
@@ -71,7 +84,7 @@ def result(solution: Solution) -> dict[str, Any]:
             ],
         },
         "selection": {
-            "criterion": "sigma_L",
+            "criterion": solution.selection.criterion,
             "value": solution.selection.value,
             "upper_bound": solution.selection.upper_bound,
             "poses": [int(i) for i in solution.selection.poses],

@@ -3,7 +3,8 @@
 Takes the sensed coordinates as measured, eliminates the unsensed ones by least squares, and
 minimises the closure errors (m and rad side by side) by the trust region. From a poor start
 this comes near the answer at little cost, where the likelihood's search for each pose's
-true coordinates would creep; the likelihood then takes over.
+true coordinates would creep; the likelihood then takes over. Where the loops stay open, the
+search begins again from starts near the given one.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.estimate.identifiability import plausible_error
 from solver.estimate.nuisance import TOGETHER, Observations
-from solver.estimate.trust_region import Evaluation, minimise
+from solver.estimate.null_directions import common_scale
+from solver.estimate.trust_region import Evaluation, Minimum, minimise
 from solver.mechanism.serial import SerialModel
 from solver.mechanism.space import ParameterSpace
 
@@ -22,7 +25,13 @@ Array = NDArray[np.float64]
 
 _INNER = 20
 _AT_REST = 1e-6  # rad or m
+_SIZE_KEPT = (
+    10.0  # m of closure error that halving the mechanism would have to remove: it never does
+)
 _CLOSES_TO = 1e-3  # rad or m: closure error that weighs as much as one prior standard deviation
+_CLOSES_WELL = 0.02  # rad or m: anything worse is a false minimum, and worth another start
+_RESTARTS = 6
+_SHAKE = 0.3  # of what parameters may plausibly be wrong
 _ROUNDING = 1e-12
 
 
@@ -52,6 +61,9 @@ def approach(
     mean, width = space.reduce(space.nominal), space.uncertainty
     believed = np.isfinite(width) if use_priors else np.zeros(len(width), dtype=bool)
     pull = _CLOSES_TO * np.eye(len(width))[believed] / width[believed, None]
+    scale = common_scale(space, start)
+    if scale is not None:
+        pull = np.vstack([pull, _SIZE_KEPT * scale / (scale @ scale)])
 
     def evaluate(z: Array, state: _Closed | None) -> Evaluation[_Closed]:
         parameters = space.expand(z, start)
@@ -69,13 +81,38 @@ def approach(
             found.state,
         )
 
-    minimum = minimise(evaluate, space.reduce(start), tolerance=1e-6, floor=1e-14)
-    if minimum is None:
+    begin = space.reduce(start)
+    best = minimise(evaluate, begin, tolerance=1e-6, floor=1e-14)
+    rng = np.random.default_rng(0)
+    for _ in range(_RESTARTS):
+        if best is not None and _size(best) < _CLOSES_WELL:
+            break
+        shaken = begin + _SHAKE * plausible_error(space) * rng.standard_normal(len(begin))
+        other = minimise(evaluate, shaken, tolerance=1e-6, floor=1e-14)
+        if other is not None and (best is None or _size(other) < 0.5 * _size(best)):
+            best = other
+    if best is None:
         return start, _placed(model, everything, start)
-    parameters = space.expand(minimum.variables, start)
-    if poses > TOGETHER:
+    parameters = space.expand(best.variables, start)
+    turns = _whole_turns(model, space, parameters)
+    if poses > TOGETHER or turns.any():
+        parameters = parameters - turns
         return parameters, _placed(model, everything, parameters)
-    return parameters, minimum.last.state.coordinates
+    return parameters, best.last.state.coordinates
+
+
+def _size(minimum: Minimum[_Closed]) -> float:
+    """Root mean square of what is left."""
+    return float(np.sqrt(np.mean(minimum.last.residual**2)))
+
+
+def _whole_turns(model: SerialModel, space: ParameterSpace, parameters: Array) -> Array:
+    """(N,) whole turns by which identified angles of the chain have wandered from nominal."""
+    angles = {m.parameter for m in model.chain.motions if m.kind == "turn"}
+    wandering = np.isin(space.identified, list(angles))
+    difference = space.reduce(parameters - space.nominal)
+    turns = 2 * np.pi * np.round(difference / (2 * np.pi))
+    return np.asarray(space.expansion @ np.where(wandering, turns, 0.0))
 
 
 def _placed(model: SerialModel, observed: Observations, parameters: Array) -> Array:

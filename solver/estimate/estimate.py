@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from solver.estimate.robust import DOWNWEIGHTED, Loss
 from solver.estimate.trust_region import Status
 from solver.mechanism.space import ParameterSpace
 
@@ -42,6 +43,8 @@ class Estimate:
         left_out: poses that the method could not use.
         weights: (P,) of the poses under a robust loss, 1 otherwise; None where the method has none.
             ``residual`` and ``jacobian`` carry their roots.
+        loss: that gave the weights.
+        priors: whether the rig's stated uncertainties took part.
     """
 
     method: str
@@ -58,11 +61,19 @@ class Estimate:
     held: Array
     left_out: int = 0
     weights: Array | None = None
+    loss: Loss = Loss.NONE
+    priors: bool = False
 
     @property
     def values(self) -> Array:
         """(n,) identified values, SI."""
         return self.space.reduce(self.parameters)
+
+    @property
+    def downweighted(self) -> NDArray[np.intp]:
+        """Indices of the poses that a robust loss weighs down so far that it is worth telling."""
+        weights = np.ones(0) if self.weights is None else self.weights
+        return np.flatnonzero(weights < DOWNWEIGHTED)
 
     @property
     def inflation(self) -> float:

@@ -1,24 +1,33 @@
-"""Which combinations of parameters the data determine, decided against noise, and named.
+"""Which combinations of parameters the data determine, decided against noise, and what holds the rest.
 
 The Jacobian J is whitened: a unit of residual is one standard deviation. A direction v in
-parameter space has the standard error 1 / |J v|. It counts as not identifiable when that
-error, at one standard deviation, moves some parameter by more than anyone could be wrong
-about it: its prior uncertainty where stated, else half a radian, half the size of the
-mechanism, half the gain. Such directions are held at their priors.
+parameter space then has the standard error 1 / |J v|. It counts as not determined when that
+error alone could move the parameters by more than they can plausibly be wrong: half a
+radian, half the size of the mechanism, half the gain. No threshold on singular values is
+involved, so that better sensors or more poses determine more.
+
+What is not determined is held: the estimate is the one nearest to the nominal values, in
+units of their stated uncertainties (plausible errors where none is stated), of all that
+explain the readings equally well. That is the limit of Bayes' rule where the data say nothing.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.estimate.null_directions import NullDirection, readable
 from solver.mechanism.space import ParameterSpace
 
 Array = NDArray[np.float64]
 
 _NUMERICAL = 1e-9  # relative size of a singular value that is only rounding
+
+BY_NOMINAL = "nominal values"
+BY_PRIORS = "stated uncertainties"
 
 
 @dataclass(frozen=True)
@@ -30,14 +39,22 @@ class Identifiability:
         singular_values: (n,) of the Jacobian with columns in units of ``plausible``.
         held: (n, k), orthonormal in plausible units, the directions not determined.
         plausible: (n,) by how much each parameter may plausibly be wrong, SI.
-        combinations: a sentence for each held direction.
+        directions: k readable directions that span the same space.
+        held_by: what holds each of them: stated uncertainties, where all its parameters have
+            one, or nominal values, taken as exact.
     """
 
     rank: int
     singular_values: Array
     held: Array
     plausible: Array
-    combinations: tuple[str, ...]
+    directions: tuple[NullDirection, ...]
+    held_by: tuple[str, ...]
+
+    @property
+    def combinations(self) -> tuple[str, ...]:
+        """The readable directions in words."""
+        return tuple(direction.words for direction in self.directions)
 
 
 def plausible_error(space: ParameterSpace) -> Array:
@@ -52,58 +69,94 @@ def plausible_error(space: ParameterSpace) -> Array:
     return np.array(out)
 
 
-def identifiability(space: ParameterSpace, jacobian: Array) -> Identifiability:
-    """Rank decision for a whitened Jacobian (M, n) with SI columns."""
+def undetermined(space: ParameterSpace, jacobian: Array) -> tuple[Array, Array]:
+    """Directions (n, k) that a whitened Jacobian (M, n) leaves open, and all its singular values (n,).
+
+    Both in plausible units; the directions are orthonormal.
+    """
     plausible = plausible_error(space)
-    if jacobian.shape[1] == 0:
-        return Identifiability(0, np.zeros(0), np.zeros((0, 0)), plausible, ())
+    if not len(plausible):
+        return np.zeros((0, 0)), np.zeros(0)
     _, singular, right = np.linalg.svd(np.linalg.qr(jacobian * plausible, mode="r"))
     singular = np.concatenate([singular, np.zeros(len(plausible) - len(singular))])
     # In plausible units a direction of unit length is "as wrong as can be": one standard
     # deviation of evidence against it is the least that identification needs.
     determined = (singular > 1.0) & (singular > _NUMERICAL * singular[0])
-    held = right[~determined].T
-    return Identifiability(
-        int(determined.sum()),
-        singular,
-        held,
-        plausible,
-        tuple(_name(space, column, plausible) for column in held.T),
+    return right[~determined].T, singular
+
+
+def identifiability(
+    space: ParameterSpace,
+    jacobian: Array,
+    at: Array | None = None,
+    frames: Mapping[str, Sequence[str]] | None = None,
+) -> Identifiability:
+    """Rank decision for a whitened Jacobian.
+
+    Args:
+        space: what is identified.
+        jacobian: (M, n), SI columns.
+        at: (N,) parameters at which it was taken; nominal by default.
+        frames: names of the points in each frame (`null_directions.point_frames`), which lets
+            shifts and turns of a whole frame be named.
+    """
+    plausible = plausible_error(space)
+    held, singular = undetermined(space, jacobian)
+    directions: tuple[NullDirection, ...] = ()
+    if held.shape[1]:
+        where = space.nominal if at is None else at
+        directions = readable(space, held, plausible, where, frames or {})
+    stated = dict(zip(space.names, np.isfinite(space.uncertainty), strict=True))
+    held_by = tuple(
+        BY_PRIORS if all(stated[name] for name in direction.members) else BY_NOMINAL
+        for direction in directions
     )
+    rank = len(plausible) - held.shape[1]
+    return Identifiability(rank, singular, held, plausible, directions, held_by)
+
+
+def prior_width(space: ParameterSpace) -> Array:
+    """(n,) in which deviations from nominal are weighed: stated uncertainties, else plausible errors."""
+    stated = space.uncertainty
+    return np.where(np.isfinite(stated), stated, plausible_error(space))
+
+
+def free_directions(held: Array, width: Array) -> Array:
+    """(n, n - k) directions, SI, that leave the held ones (n, k), SI, where their priors put them.
+
+    v with H' W^-2 v = 0: moving along v does not change how far the held directions are from
+    nominal, measured by the prior widths W (n,).
+    """
+    count, size = held.shape
+    basis = np.linalg.qr(held / width[:, None], mode="complete")[0][:, size:]
+    return np.asarray(width[:, None] * basis).reshape(count, count - size)
+
+
+def at_priors(values: Array, nominal: Array, held: Array, width: Array) -> Array:
+    """(n,) ``values`` moved along the held directions (n, k), SI, to where the priors prefer them."""
+    weighted = held / width[:, None]
+    move = np.linalg.lstsq(weighted, (values - nominal) / width, rcond=None)[0]
+    return np.asarray(values - held @ move)
 
 
 def covariance(space: ParameterSpace, jacobian: Array) -> tuple[Array, Identifiability]:
-    """(n, n) covariance from a whitened Jacobian; held directions contribute nothing to it."""
+    """(n, n) covariance from a whitened Jacobian (M, n), with what is held.
+
+    Held directions whose parameters all have a stated uncertainty contribute that; others are
+    taken as exact, so that standard errors then hold given the nominal values.
+    """
     found = identifiability(space, jacobian)
     if jacobian.shape[1] == 0:
         return np.zeros((0, 0)), found
-    keep = np.linalg.qr(np.hstack([found.held, np.eye(len(found.plausible))]))[0][
-        :, found.held.shape[1] :
+    width = prior_width(space)
+    free = free_directions(found.plausible[:, None] * found.held, width)
+    half = free @ np.linalg.inv(np.linalg.qr(jacobian @ free, mode="r"))
+    believed = [
+        direction.change
+        for direction, by in zip(found.directions, found.held_by, strict=True)
+        if by == BY_PRIORS
     ]
-    reduced = (jacobian * found.plausible) @ keep
-    triangle = np.linalg.qr(reduced, mode="r")
-    half = found.plausible[:, None] * keep @ np.linalg.inv(triangle)
+    if believed:
+        weighted = np.column_stack(believed) / width[:, None]
+        half = np.hstack([half, width[:, None] * np.linalg.qr(weighted)[0]])
     return half @ half.T, found
-
-
-def _name(space: ParameterSpace, direction: Array, plausible: Array) -> str:
-    """A held direction in the rig's own terms, its largest members first."""
-    scaled = direction * plausible
-    members = [
-        i
-        for i in np.argsort(-np.abs(direction))
-        if abs(direction[i]) > 0.02 * np.abs(direction).max()
-    ]
-    if len(members) == 1:
-        return f"{space.names[members[0]]} (no pose shows it)"
-    lead = scaled[members[0]]
-    terms = []
-    for i in members[:6]:
-        ratio = scaled[i] / lead
-        dimension = space.table[space.identified[i]].dimension
-        same = dimension == space.table[space.identified[members[0]]].dimension
-        terms.append(
-            f"{ratio:+.3g} {space.names[i]}" if same else f"{ratio:+.3g} SI {space.names[i]}"
-        )
-    more = f" and {len(members) - 6} more" if len(members) > 6 else ""
-    return " ".join(terms).lstrip("+").strip() + more

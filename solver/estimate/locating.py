@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from solver.estimate.closing import placed
 from solver.estimate.nuisance import Observations, assemble
 from solver.mechanism.model import Model
-from solver.mechanism.serial import SerialModel
 from solver.mechanism.rotation import logarithm
+from solver.mechanism.serial import SerialModel
 from solver.mechanism.space import ParameterSpace
 from solver.mechanism.tracker import Tracked
 

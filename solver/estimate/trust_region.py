@@ -33,6 +33,11 @@ class Status(Enum):
     ITERATION_LIMIT = "stopped at the iteration limit while still improving; start nearer, or identify fewer parameters"
     NO_PROGRESS = "no step improves the fit although it is not at a minimum; check units, signs and the order of channels"
     DOES_NOT_CLOSE = "the loop cannot be closed at the starting values; check the nominal geometry, offsets and channel signs"
+    UNEXPLAINED = "the mechanism as described does not explain the readings; check gains, signs, units, the order of channels and the fixture"
+    OUTLYING = "a few poses contradict all the others; leave them out or record them again"
+    UNDETERMINED = (
+        "the poses determine none of the parameters; record poses that differ more, in every joint"
+    )
 
     @property
     def word(self) -> str:

@@ -20,9 +20,12 @@ _MEMBER = 0.35  # share of the largest component that makes a parameter part of 
 
 def findings(solution: Solution, rows: Sequence[Compared]) -> list[str]:
     """Sentences worth reading about ``solution``, whose identified parameters are ``rows``."""
-    out = [
-        f"Not determined: {words}. Held at nominal values."
-        for words in solution.identifiability.combinations
+    out = [found.text for found in solution.findings]
+    out += [
+        f"Not determined: {words}. Held at {by}."
+        for words, by in zip(
+            solution.identifiability.combinations, solution.identifiability.held_by, strict=True
+        )
     ]
     if solution.estimate.status is Status.CONVERGED:
         out += _where_the_misfit_shows(solution) + _worst_combination(solution)

@@ -66,7 +66,9 @@ def verdict(solution: Solution, rows: Sequence[Compared]) -> Verdict:
         *_unseen(solution),
     )
     grade: Grade = "good"
-    if any(fact.grade != "good" for fact in facts) or solution.identifiability.combinations:
+    if any(fact.grade != "good" for fact in facts) or (
+        solution.identifiability.combinations or solution.findings
+    ):
         grade = "caution"
     if not converged:
         grade = "bad"
@@ -85,8 +87,6 @@ def certificate(solution: Solution) -> str:
     chosen, usable = len(solution.selection.poses), len(solution.table.counts)
     if chosen >= usable:
         return f"all {usable} usable poses were taken, so there was nothing to choose"
-    if solution.identifiability.combinations:
-        return "not judged, because no choice of poses shows the undetermined combinations"
     bound = solution.selection.upper_bound
     if not (math.isfinite(bound) and bound > 0):
         return f"no bound is known on what the best {chosen} of these {usable} poses could give"
@@ -96,10 +96,19 @@ def certificate(solution: Solution) -> str:
     )
 
 
+_NO_RESULT = {
+    Status.UNEXPLAINED: "No result: the mechanism as described does not explain the readings.",
+    Status.OUTLYING: "No result: a few poses contradict all the others.",
+    Status.UNDETERMINED: "No result: these poses determine none of the parameters.",
+}
+
+
 def _headline(solution: Solution) -> str:
     estimate = solution.estimate
     if estimate.status is not Status.CONVERGED:
-        return "No result: the search for the parameters did not converge."
+        return _NO_RESULT.get(
+            estimate.status, "No result: the search for the parameters did not converge."
+        )
     held = len(solution.identifiability.combinations)
     if held:
         combinations = "combination" if held == 1 else "combinations"
