@@ -151,16 +151,17 @@ def show_summary(summary: CaptureSummary) -> None:
         soft_wrap=True,
     )
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    for column in (
+    columns = (
         "channel",
         "expected",
         "received",
         "lost by device",
-        "lost by host",
-        "lost in gaps",
+        "by host",
+        "in gaps",
         "unaccounted",
-    ):
-        table.add_column(column, justify="left" if column == "channel" else "right")
+    )
+    for column in columns:
+        table.add_column(column, justify="left" if column == "channel" else "right", no_wrap=True)
     for name, entry in summary.ledger.items():
         losses = (
             entry.dropped_by_device,
