@@ -322,6 +322,33 @@ def solve(
 
 
 @app.command()
+def apply(
+    result: Annotated[
+        Path, typer.Argument(metavar="RESULT", help="A result file, from solve --json.")
+    ],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording of the same rig.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="CSV", help="Write the poses as a table."),
+    ] = None,
+    rig_out: Annotated[
+        Path | None, typer.Option("--rig-out", metavar="RIG", help="Write the calibrated rig.")
+    ] = None,
+    corrections: Annotated[
+        Path | None,
+        typer.Option(
+            "--corrections", metavar="JSON", help="Write gain and offset of every channel."
+        ),
+    ] = None,
+) -> None:
+    """Use a result: readings become endpoint or plate poses with their uncertainty."""
+    from loopcal.applying import run_apply
+
+    with explained():
+        run_apply(result, file, output=output, rig_out=rig_out, corrections=corrections)
+
+
+@app.command()
 def demo(
     output: Annotated[
         Path,

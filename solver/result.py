@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from recordings.rig import Parameter
+from solver.estimate.estimate import Estimate
 from solver.poses.observability import Observability
 from solver.solve import Solution
 
@@ -47,6 +48,7 @@ def result(solution: Solution) -> dict[str, Any]:
             _parameter(p, float(value), errors.get(p.name))
             for p, value in zip(space.table, estimate.parameters, strict=True)
         ],
+        "covariance": _covariance(estimate),
         "unidentifiable": [
             {"combination": words, "held_by": by}
             for words, by in zip(
@@ -112,6 +114,17 @@ def result(solution: Solution) -> dict[str, Any]:
             }
             for other in solution.beside
         ],
+    }
+
+
+def _covariance(estimate: Estimate) -> dict[str, Any]:
+    """Of the identified parameters, in the units shown, inflated like the standard errors."""
+    space = estimate.space
+    scale = np.array([estimate.inflation / space.table[i].to_si for i in space.identified])
+    matrix = estimate.covariance * scale[:, None] * scale
+    return {
+        "parameters": list(space.names),
+        "matrix": [[_number(float(v)) for v in row] for row in matrix],
     }
 
 
