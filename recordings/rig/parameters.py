@@ -67,6 +67,10 @@ def quantities(rig: Rig) -> Iterator[tuple[str, Quantity, str]]:
             for axis in ("x", "y", "z"):
                 quantity = getattr(point, axis)
                 yield f"{point.name}.{axis}", quantity, quantity.dimension
+    for channel in rig.channels:
+        dimension = rig.dimension_of(channel.senses)
+        yield f"{channel.name}.offset", channel.offset, dimension
+        yield f"{channel.name}.gain", channel.gain, f"{dimension}/count"
     for tracker in rig.trackers:
         for part in ("x", "y", "z", "rx", "ry", "rz"):
             quantity = getattr(tracker, part)
@@ -75,14 +79,10 @@ def quantities(rig: Rig) -> Iterator[tuple[str, Quantity, str]]:
             for axis in ("x", "y", "z"):
                 quantity = getattr(marker, axis)
                 yield f"{marker.name}.{axis}", quantity, quantity.dimension
-    for channel in rig.channels:
-        dimension = rig.dimension_of(channel.senses)
-        yield f"{channel.name}.offset", channel.offset, dimension
-        yield f"{channel.name}.gain", channel.gain, f"{dimension}/count"
 
 
 def parameters(rig: Rig) -> tuple[Parameter, ...]:
-    """The parameter table of ``rig``: mechanism first, then channels, in file order."""
+    """The parameter table of ``rig``: mechanism first, then channels, then trackers, in file order."""
     given = {name: quantity for name, quantity, _ in quantities(rig)}
 
     def nominal(quantity: Quantity) -> float:
