@@ -149,7 +149,8 @@ class Calibration:
         kkt[:, :size, :size] = _t(H) @ H
         kkt[:, size:, :size], kkt[:, :size, size:] = A, _t(A)
         spread: Array = np.linalg.pinv(kkt, hermitian=True)[:, :size, :size]
-        return spread * scale[:, :, None] * scale[:, None, :]
+        unscaled: Array = spread * scale[:, :, None] * scale[:, None, :]
+        return unscaled
 
 
 def _t(stack: Array) -> Array:
