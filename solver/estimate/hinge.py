@@ -56,18 +56,21 @@ def residual(model: SerialModel, counts: Array, parameters: Array, expansion: Ar
     """Closure errors (P, 5) at measured ``counts`` (P, C) and ``parameters`` (N,)."""
     coordinates = np.zeros((len(counts), len(model.coordinate_names)))
     coordinates[:, model.sensed] = model.sensing.values(counts, parameters)
-    rotation = model.chain.reach(coordinates, parameters).rotation
+    along = model.along(expansion)
+    # The hinge is motion 0, and moves: its screw comes first.
+    moving = np.flatnonzero(model.coordinate_of.any(axis=1) | along.any(axis=1))
+    rotation = model.chain.reach(coordinates, parameters, moving[:0]).rotation
     # The hinge is the chain's first motion: turning it back by the chain's own rotation about z closes it.
     coordinates[:, 0] -= np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0])
-    reached = model.chain.reach(coordinates, parameters)
+    reached = model.chain.reach(coordinates, parameters, moving)
     by_motion = _errors_by_motion(reached.rotation, reached.screws)
     # The hinge follows every change so that theta_z stays eliminated: take its screw out.
     rate = _about_z(reached.rotation, reached.screws)
     by_motion = by_motion - by_motion[:, :, :1] * (rate / rate[:, :1])[:, None, :]
     values = np.stack([-reached.rotation[:, 1, 2], reached.rotation[:, 0, 2]], axis=1)
     error = np.concatenate([values, reached.position], axis=1)
-    sensed = (by_motion @ model.coordinate_of)[:, :, model.sensed]
-    by_parameters = by_motion @ model.along(expansion) + sensed @ model.sensing.by_parameters(
+    sensed = (by_motion @ model.coordinate_of[moving])[:, :, model.sensed]
+    by_parameters = by_motion @ along[moving] + sensed @ model.sensing.by_parameters(
         counts, expansion
     )
     return Hinged(
