@@ -46,7 +46,9 @@ def nature_of(rig: Rig, truth: Truth, effects: Sequence[Effect] = ()) -> Nature:
     values = truth.parameters
     mechanism: Loop | Plate
     if isinstance(rig.mechanism, SerialMechanism):
-        mechanism = Loop(rig.mechanism, chain_geometry(rig.mechanism, values), effects)
+        names = rig.mechanism.fixture_names
+        geometry = chain_geometry(rig.mechanism, values, names[0] if names else None)
+        mechanism = Loop(rig.mechanism, geometry, effects)
     else:
         mechanism = Plate(rig.mechanism, plate_geometry(rig.mechanism, values), effects)
     sensors = {c.name: Sensor(c, values, effects) for c in rig.channels}
