@@ -2,8 +2,9 @@
 
 The comparison of Nahvi, Hollerbach & Hayward, Table 1, on a simulated shoulder. The closed
 loop has the legs alone: 450 poses, of which the 50 that tell most are used. The open loop has
-legs and an optical tracker with three markers on the plate: 100 poses, every reading averaged
-10 times (as the legs are in the closed loop); where the camera stands and where the markers sit is unknown (15 more parameters).
+legs and an optical tracker with three markers on the plate: 100 poses. Every reading of either
+is averaged 10 times. Where the camera stands and where the markers sit is unknown, which makes
+15 parameters more.
 Nature simulates both with kinematics of its own. The table is of seed 1; the root mean square
 errors below it are of all seeds.
 """
