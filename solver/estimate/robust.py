@@ -11,7 +11,8 @@ over the poses' own robust scale where it exceeds 1,
 and c keeps the textbook's chance of 1.345 (Huber) or 2.385 (Cauchy) for one degree of
 freedom, 95 % efficiency (Holland & Welsch, "Robust regression using iteratively reweighted
 least-squares", 1977). A weight scales all of a pose's residuals, so its true coordinates
-are the same with and without.
+are the same with and without. No loss can judge a pose that alone shows some combination of
+parameters: its leverage takes up all of its redundancy.
 """
 
 from __future__ import annotations
