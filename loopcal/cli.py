@@ -385,6 +385,34 @@ def bench_calibrate(
         run_bench_calibrate(rig, channel, table, output)
 
 
+@app.command()
+def plan(
+    rig: RigArgument,
+    source: Annotated[
+        Path | None,
+        typer.Option(
+            "--from", metavar="FILE", help="Plan with the values of a result file or recording."
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="PLAN", help="Plan file to write, for capture."),
+    ] = None,
+    poses: Annotated[
+        int | None,
+        typer.Option("--poses", min=1, help="Distinct poses, in place of the plan's own number."),
+    ] = None,
+    criterion: Annotated[
+        str, typer.Option("--criterion", help="sigma_L (default), determinant, trace or condition.")
+    ] = "sigma_L",
+) -> None:
+    """Plan a session: drives, poses, order, and the standard errors it will reach."""
+    from loopcal.planning import run_plan
+
+    with explained():
+        run_plan(rig, source=source, output=output, poses=poses, criterion=criterion)
+
+
 def _ports(given: list[str] | None) -> dict[str, str]:
     ports = {}
     for item in given or ():

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from recordings.rig import PlatformMechanism, Rig, SerialMechanism
 from solver.errors import MechanismError
 from solver.mechanism.model import Model
+from solver.mechanism.rotation import exponential, logarithm
 
 Array = NDArray[np.float64]
 
 _CLOSED = 1e-10
+_DEFAULT_TURN = 0.5  # rad a plate turns where the plan says nothing
 _STEP = 0.15  # rad or m a walker moves between two configurations
 
 
@@ -114,12 +116,25 @@ def wander(rig: Rig, model: Model, parameters: Array, count: int, *, seed: int) 
 
 def _turned(rig: Rig, model: Model, count: int, rng: np.random.Generator) -> Array:
     """Plate coordinates within the plan's tilt and swivel, and a tenth of the base's size sideways."""
-    tilt = rig.plan.tilt if rig.plan is not None and rig.plan.tilt is not None else 0.5
-    mechanism = rig.mechanism
+    plan, mechanism = rig.plan, rig.mechanism
     assert isinstance(mechanism, PlatformMechanism)
-    size = max(
-        abs(getattr(point, axis).nominal) for point in mechanism.base_points for axis in "xyz"
+    tilt, swivel = (
+        _DEFAULT_TURN if given is None else given
+        for given in ((plan.tilt, plan.swivel) if plan is not None else (None, None))
     )
-    spans = [tilt if name.startswith("plate.r") else 0.2 * size for name in model.coordinate_names]
-    turned: Array = rng.uniform(-1.0, 1.0, (count, len(spans))) * np.array(spans)
-    return turned
+    names = model.coordinate_names
+    out = np.zeros((count, len(names)))
+    if "plate.rx" in names:
+        axis = rng.uniform(0.0, 2 * np.pi, count)
+        leaning = np.zeros((count, 3))
+        size = tilt * np.sqrt(rng.uniform(0.0, 1.0, count))
+        leaning[:, 0], leaning[:, 1] = size * np.cos(axis), size * np.sin(axis)
+        about_z = np.zeros((count, 3))
+        about_z[:, 2] = swivel * rng.uniform(-1.0, 1.0, count)
+        out[:, :3] = logarithm(exponential(leaning) @ exponential(about_z))
+    if "plate.x" in names:
+        size_m = max(
+            abs(getattr(point, axis).nominal) for point in mechanism.base_points for axis in "xyz"
+        )
+        out[:, -3:] = 0.2 * size_m * rng.uniform(-1.0, 1.0, (count, 3))
+    return out
