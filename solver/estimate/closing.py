@@ -24,6 +24,7 @@ from solver.mechanism.space import ParameterSpace
 Array = NDArray[np.float64]
 
 _INNER = 20
+_TRIED = 8  # starts of a pose with several unsensed coordinates
 _AT_REST = 1e-6  # rad or m
 _SIZE_KEPT = (
     10.0  # m of closure error that halving the mechanism would have to remove: it never does
@@ -156,14 +157,27 @@ class _Closed:
 
 def _nearest_start(model: SerialModel, observed: Observations, parameters: Array) -> Array:
     starts = model.starts(observed.counts, parameters)
+    nowhere = np.zeros((len(parameters), 0))
     at = model.linearise(
         starts.reshape(-1, starts.shape[2]),
         parameters,
-        np.zeros((len(parameters), 0)),
+        nowhere,
         None if observed.fixture is None else np.tile(observed.fixture, len(starts)),
     )
     errors = np.sum(at.closure**2, axis=1).reshape(starts.shape[:2])
-    return np.asarray(starts[np.argmin(errors, axis=0), np.arange(len(observed.counts))])
+    order, every = np.argsort(errors, axis=0), np.arange(len(observed.counts))
+    best: Array = starts[order[0], every]
+    if len(model.unsensed) < 2:
+        return best
+    # Several unsensed coordinates: the start nearest to closing may lead to another assembly.
+    least = np.full(len(every), np.inf)
+    for choice in order[:_TRIED]:
+        u = _nearest_closing(model, observed, parameters, starts[choice, every])
+        closure = model.linearise(u, parameters, nowhere, observed.fixture).closure
+        error = np.sum(closure**2, axis=1)
+        better = error < 0.5 * least
+        best[better], least[better] = u[better], error[better]
+    return best
 
 
 def _evaluation(

@@ -29,7 +29,7 @@ from solver.mechanism.sensing import Sensing
 Array = NDArray[np.float64]
 
 _ROTATIONS = ("rx", "ry", "rz")
-_GRID = 8  # starts around the circle for each unsensed coordinate
+_GRID = {1: 8, 2: 8, 3: 5}  # starts around the circle, by number of unsensed turns
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,8 +266,10 @@ class SerialModel:
         unsensed = self.unsensed
         if not len(unsensed):
             return base[None]
-        around = np.linspace(0, 2 * np.pi, _GRID, endpoint=False)
-        turns = [j for j in unsensed if self._turns(int(j))][:2]
+        turns = [j for j in unsensed if self._turns(int(j))][:3]
+        if not turns:
+            return base[None]
+        around = np.linspace(0, 2 * np.pi, _GRID[len(turns)], endpoint=False)
         grid = np.stack(np.meshgrid(*[around] * len(turns), indexing="ij"), axis=-1).reshape(
             -1, len(turns)
         )
