@@ -292,6 +292,13 @@ def solve(
         bool,
         typer.Option("--priors", help="Let the rig's stated uncertainties take part (ml only)."),
     ] = False,
+    criterion: Annotated[
+        str,
+        typer.Option(
+            "--criterion",
+            help="By which poses are chosen: sigma_L (default), determinant, trace or condition.",
+        ),
+    ] = "sigma_L",
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON.")
     ] = None,
@@ -313,6 +320,7 @@ def solve(
             method=method,
             loss=robust,
             use_priors=priors,
+            criterion=criterion,
             json_file=json_file,
             report=report,
             truth=truth,

@@ -13,7 +13,9 @@ from rich.text import Text
 
 from loopcal.console import fail, out
 from recordings.reader import read_recording
+from solver.estimate.robust import Loss
 from solver.estimate.trust_region import Status
+from solver.poses.criteria import criterion_named
 from solver.report.report import write_report
 from solver.report.summary import summary
 from solver.result import result
@@ -27,6 +29,9 @@ def run_solve(
     *,
     poses: int,
     method: str | None,
+    loss: str,
+    use_priors: bool,
+    criterion: str,
     json_file: Path | None,
     report: Path | None,
     truth: Path | None,
@@ -35,7 +40,14 @@ def run_solve(
     known = None if truth is None else read_truth(truth)
     recording = read_recording(file)
     with out.status("solving"):
-        solution = solve(recording, poses=poses, method=method)
+        solution = solve(
+            recording,
+            poses=poses,
+            method=method,
+            loss=Loss(loss),
+            use_priors=use_priors,
+            criterion=criterion_named(criterion),
+        )
     if json_file is not None:
         write_json(result(solution), json_file)
     if report is not None:
@@ -66,6 +78,13 @@ def show(solution: Solution, truth: Mapping[str, float] | None = None) -> None:
     out.print(table)
     for label, value in told.facts:
         out.print(f"{label}: {value}", markup=False, soft_wrap=True)
+    estimate = solution.estimate
+    if estimate.weights is not None and len(estimate.downweighted):
+        poses = solution.selection.poses
+        told_weights = ", ".join(
+            f"{poses[i]} ({estimate.weights[i]:.2f})" for i in estimate.downweighted
+        )
+        out.print(f"poses weighed down (weight): {told_weights}", markup=False, soft_wrap=True)
     out.print(Text(told.verdict, style=_STYLE.get(told.grade, "")), soft_wrap=True)
 
 

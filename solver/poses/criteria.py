@@ -28,6 +28,14 @@ Criterion = Literal["sigma_L", "determinant", "trace", "condition"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 """The default first."""
 
+IN_WORDS: dict[Criterion, str] = {
+    "sigma_L": "the smallest singular value",
+    "determinant": "the geometric mean of the singular values",
+    "trace": "the harmonic mean square of the singular values",
+    "condition": "the smallest over the largest singular value",
+}
+"""Of the identification Jacobian: what each criterion makes large."""
+
 _FLOOR = 1e-12  # of the largest eigenvalue: a direction that no pose shows
 _SOFT = 0.05  # width of the soft extremes, of the extreme itself
 

@@ -17,6 +17,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from recordings.reader import Recording
 from recordings.session import SOFTWARE, to_metadata
 from solver.errors import SolverError
+from solver.poses.criteria import IN_WORDS
 from solver.report.channels import channel_summaries
 from solver.report.comparison import compare
 from solver.report.judged import judged
@@ -101,6 +102,7 @@ def render(
             if parameter.name not in identified
         ],
         certificate=certificate(solution),
+        criterion=IN_WORDS[solution.selection.criterion],
         acceptable=ACCEPTABLE_CONDITION,
         jacobians=jacobians,
         channels=channel_summaries(solution, expected),
