@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from benchmarks.averaged_nature import averaged_nature
 from benchmarks.shoulder_table1 import TRACKER
+from recordings.reader import read_recording
 from recordings.rig import Rig, load_rig, parameters, parse_rig, rig_text
 from sim_devices.plant.creation import make_nature
 from sim_devices.plant.loop import Loop
 from sim_devices.plant.motion import Course
+from sim_devices.simulate import simulate
 from solver.estimate import likelihood
 from solver.estimate.locating import located
 from solver.estimate.nuisance import Observations
 from solver.estimate.trust_region import Status
 from solver.mechanism.model import model_of
 from solver.mechanism.space import ParameterSpace
+from solver.solve import solve
 
 Array = NDArray[np.float64]
 
@@ -41,7 +46,20 @@ def free(nominal: float, uncertainty: float) -> str:
     return f"{{ nominal = {nominal}, uncertainty = {uncertainty}, identify = true }}"
 
 
-def free_arm(tracker: str) -> Rig:
+PLAN = """
+[plan]
+mode = "driven"
+drives = ["joint1", "joint2", "joint3", "joint4"]
+corners_deg = [[-60, -60, -60, -60], [60, -60, -60, -60], [-60, 60, -60, -60], [-60, -60, 60, -60], [-60, -60, -60, 60], [60, 60, 60, 60]]
+move_deg_per_s = 180
+poses = 40
+dwell_s = 0.15
+settle_s = 0.05
+revisit = { poses = 0, visits = 1 }
+"""
+
+
+def free_arm_text(tracker: str) -> str:
     """Four joints in free space before a camera. The first link's frame is the camera's to find."""
     head = 'schema = 1\nname = "free-arm"\n\n[mechanism]\nfamily = "serial"\nclosure = { constraint = "open" }\n'
     links = ((0, 300, 0, 90), (free(20, 1), free(0, 2), free(250, 2), free(0, 0.5)))
@@ -53,7 +71,11 @@ def free_arm(tracker: str) -> Rig:
         JOINT.format(k=k + 1, theta=theta, s=s, a=a, alpha=alpha)
         for k, (theta, s, a, alpha) in enumerate((*links, *more))
     ]
-    return parse_rig(head + "".join(joints) + tracker)
+    return head + "".join(joints) + tracker
+
+
+def free_arm(tracker: str) -> Rig:
+    return parse_rig(free_arm_text(tracker))
 
 
 def tracker_text() -> str:
@@ -202,3 +224,18 @@ def test_an_arm_in_free_space_is_calibrated_by_a_camera_alone() -> None:
     assert 0 < estimate.held.shape[1] < 6
     gap = estimate.jacobian @ (estimate.values - space.reduce(truth))
     assert gap @ gap / (len(space.names) - estimate.held.shape[1]) < 3.0
+
+
+def test_from_simulated_session_to_solution(tmp_path: Path) -> None:
+    """The free arm, driven by its plan before the camera: recording, averaging, selection, solve."""
+    text = free_arm_text(tracker_text()) + PLAN
+    truth = simulate(parse_rig(text), text, tmp_path / "arm.mcap", seed=2)
+    solution = solve(read_recording(tmp_path / "arm.mcap"), poses=40)
+    estimate = solution.estimate
+    assert estimate.status is Status.CONVERGED
+    assert abs(estimate.misfit - 1) < 5 * np.sqrt(2 / estimate.freedoms)
+    for name in ("joint2.a", "joint3.a", "joint3.theta_offset", "camera.x"):
+        k = estimate.space.names.index(name)
+        parameter = next(p for p in estimate.space.table if p.name == name)
+        gap = estimate.values[k] - truth.parameters[parameter.name]
+        assert abs(gap) < 4.5 * estimate.standard_errors[k], name
