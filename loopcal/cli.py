@@ -393,6 +393,20 @@ def bench_calibrate(
         run_bench_calibrate(rig, channel, table, output)
 
 
+@rig_app.command("choose")
+def rig_choose(
+    rig: RigArgument,
+    condition: Annotated[
+        float, typer.Option("--condition", min=1.0, help="Largest condition number to accept.")
+    ] = 1000.0,
+) -> None:
+    """Choose which parameters to identify: from all, the least observable is held, step by step."""
+    from loopcal.rig_view import show_choice
+
+    with explained():
+        show_choice(rig, condition)
+
+
 @app.command()
 def plan(
     rig: RigArgument,

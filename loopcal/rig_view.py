@@ -1,4 +1,4 @@
-"""What `loopcal rig check` prints."""
+"""What `loopcal rig check` and `loopcal rig choose` print."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from rich.table import Table
 
 from loopcal.console import err, out
 from recordings.rig import Rig, SerialMechanism, load_rig, parameters
+from solver.parameter_choice import SURE, choose_parameters
 from solver.rig_check import RigCheck, check_rig
 
 
@@ -77,3 +78,28 @@ def _identified(rig: Rig) -> Table:
             uncertainty = "" if p.uncertainty is None else f"{p.uncertainty / p.to_si:g}"
             table.add_row(p.name, f"{p.nominal / p.to_si:g}", uncertainty, p.unit)
     return table
+
+
+def show_choice(name: str, condition: float) -> None:
+    """Print how a well-posed set of parameters is reached, one held a step, and the set."""
+    found = choose_parameters(load_rig(name), condition=condition)
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for heading in ("free", "sigma_L", "product", "condition"):
+        table.add_column(heading, justify="right")
+    table.add_column("held next")
+    for step in found.steps:
+        table.add_row(
+            f"{step.free}",
+            f"{step.sigma_min:.3g}",
+            f"{step.product:.3g}",
+            f"{step.condition:.3g}",
+            step.held or "nothing: these will do",
+        )
+    out.print(table)
+    out.print(
+        f"Indices of the whitened Jacobian at generic poses, columns in plausible errors. Stops at "
+        f"sigma_L of at least {SURE:g} and a condition number of at most {condition:g}.",
+        markup=False,
+        soft_wrap=True,
+    )
+    out.print(f"identify: {', '.join(found.chosen)}", markup=False, soft_wrap=True)
