@@ -67,7 +67,7 @@ def test_a_wrong_rig(
 
 
 def test_a_rig_that_does_not_exist(loopcal: Run, tmp_path: Path) -> None:
-    refused(loopcal("rig", "check", tmp_path / "none.toml"), "none.toml", "arm, shoulder")
+    refused(loopcal("rig", "check", tmp_path / "none.toml"), "none.toml", "bundled rigs: arm, ")
 
 
 def test_a_mechanism_that_does_not_close(loopcal: Run, tmp_path: Path) -> None:
