@@ -12,6 +12,7 @@ import numpy as np
 from rich.table import Table
 
 from loopcal.console import fail, out
+from loopcal.files import create
 from loopcal.solving import write_json
 from recordings.reader import read_recording
 from recordings.rig import Rig, SerialMechanism, parameters
@@ -43,9 +44,9 @@ def run_apply(
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(COLUMNS)
         writer.writerows(rows)
-        _create(output, text.getvalue())
+        create(output, text.getvalue())
     if rig_out is not None:
-        _create(rig_out, calibrated_rig(recording.rig, recording.rig_toml, document))
+        create(rig_out, calibrated_rig(recording.rig, recording.rig_toml, document))
     if corrections is not None:
         write_json(channel_corrections(recording.rig, calibration), corrections)
     _show(recording.rig, rows)
@@ -112,16 +113,6 @@ def _rows(table: PoseTable, poses: EndPoses) -> list[list[object]]:
         tail = "" if np.isnan(misfit) else f"{misfit:.3f}"
         rows.append([window.pose, window.visit, *(f"{value:.9g}" for value in numbers), tail])
     return rows
-
-
-def _create(path: Path, text: str) -> None:
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        fail(f"'{path}' exists already; choose another name, nothing was overwritten")
-    except OSError as error:
-        fail(f"cannot write '{path}': {error.strerror}")
 
 
 def _show(rig: Rig, rows: list[list[object]]) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from loopcal.console import fail
+from loopcal.files import create
 from recordings.rig.quantity import UNITS
 from recordings.tables import Table
 from recordings.urdf import Doubts, calibrated_urdf, rig_from_urdf
@@ -18,7 +19,7 @@ def write_rig(
 ) -> None:
     """Write the rig for the chain of ``urdf`` that ends in ``tip``; never over another file."""
     text = rig_from_urdf(_read(urdf), tip, constraint, fixtures=fixtures, doubts=doubts)
-    _create(output, text)
+    create(output, text)
 
 
 def write_calibrated(result: Path, urdf: Path, tip: str, output: Path) -> None:
@@ -31,7 +32,7 @@ def write_calibrated(result: Path, urdf: Path, tip: str, output: Path) -> None:
         }
     except (ValueError, KeyError, TypeError, AttributeError):
         fail(f"'{result}' is not a result file; `loopcal solve FILE --json RESULT.json` writes one")
-    _create(output, calibrated_urdf(_read(urdf), tip, values))
+    create(output, calibrated_urdf(_read(urdf), tip, values))
 
 
 def table_of(item: str) -> Table:
@@ -47,13 +48,3 @@ def _read(path: Path) -> str:
         return path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         fail(f"cannot read '{path}': {error}")
-
-
-def _create(path: Path, text: str) -> None:
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        fail(f"'{path}' exists already; choose another name, nothing was overwritten")
-    except OSError as error:
-        fail(f"cannot write '{path}': {error.strerror}")
