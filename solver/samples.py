@@ -27,6 +27,8 @@ _STILL_MOVING = 5.0  # standard errors between the halves of a dwell
 _FEWEST_SAMPLES = 4  # in a dwell, of every channel
 _DITHER = 0.5  # counts: below this noise, averaging does not remove quantisation
 _LONGEST_LAG = 50
+_REFINED = 4  # rounds in which the autocorrelation time and what the line takes from it settle
+_MOST_REMOVED = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,17 +227,27 @@ def _noise(pieces: list[list[Array]], rows: list[int], channels: int) -> tuple[A
     """Pooled standard deviation (C,) and integrated autocorrelation time (C,)."""
     sigma, tau = np.zeros(channels), np.ones(channels)
     for c in range(channels):
-        # The median over dwells keeps a few dwells with motion from setting the noise of all.
-        variances = np.array([np.var(pieces[w][c], ddof=1) for w in rows])
+        # About each dwell's own straight line, so that a steady creep is not taken for noise; the
+        # median over dwells keeps a few that move otherwise from setting the noise of all.
+        level = {w: _detrended(pieces[w][c]) for w in rows}
+        freedom = np.array([len(level[w]) - 2 for w in rows])
+        variances = np.array([float(level[w] @ level[w]) for w in rows]) / freedom
         usual = np.median(variances)
-        freedom = np.array([len(pieces[w][c]) - 1 for w in rows])
         likely = usual * (1.0 + 3.0 * np.sqrt(2.0 / freedom)) + 1e-12
         quiet = [w for w, v, most in zip(rows, variances, likely, strict=True) if v <= most]
-        centred = [pieces[w][c] - pieces[w][c].mean() for w in quiet]
-        freedoms = sum(len(x) - 1 for x in centred)
+        centred = [level[w] for w in quiet]
+        freedoms = sum(len(x) - 2 for x in centred)
         sigma[c] = np.sqrt(sum(float(x @ x) for x in centred) / freedoms)
         tau[c] = _integrated_time(centred)
     return sigma, tau
+
+
+def _detrended(piece: Array) -> Array:
+    """Samples (S,) about their straight line."""
+    ramp = np.arange(len(piece)) - 0.5 * (len(piece) - 1)
+    centred = piece - piece.mean()
+    level: Array = centred - ramp * ((ramp @ centred) / (ramp @ ramp))
+    return level
 
 
 def _integrated_time(centred: list[Array]) -> float:
@@ -245,15 +257,20 @@ def _integrated_time(centred: list[Array]) -> float:
         return 1.0
     total = sum(len(x) for x in centred)
     mean_length = total / len(centred)
-    tau = 1.0
+    correlations = []
     for lag in range(1, min(_LONGEST_LAG, int(mean_length) - 1)):
         pairs = sum(float(x[:-lag] @ x[lag:]) for x in centred if len(x) > lag)
         count = sum(len(x) - lag for x in centred if len(x) > lag)
-        # Removing each dwell's own mean lowers every autocorrelation by about 1 / length.
-        correlation = pairs / power * total / max(count, 1) + 1.0 / mean_length
-        if correlation < 2.0 / np.sqrt(total):
-            break
-        tau += 2.0 * correlation
+        correlations.append(pairs / power * total / max(count, 1))
+    tau = 1.0
+    for _ in range(_REFINED):
+        # Removing each dwell's own line lowers every autocorrelation by about 2 tau / length.
+        removed = min(2.0 * tau / mean_length, _MOST_REMOVED)
+        tau = 1.0
+        for correlation in correlations:
+            if correlation + removed < 2.0 / np.sqrt(total):
+                break
+            tau += 2.0 * (correlation + removed)
     return tau
 
 

@@ -107,6 +107,13 @@ def test_a_dwell_in_which_a_channel_still_moved_is_rejected_and_named() -> None:
     assert table.noise[2] == pytest.approx(3.0, rel=0.05)
 
 
+def test_a_channel_that_creeps_in_every_dwell_is_not_taken_for_noise() -> None:
+    dwells = _dwells(np.full(4, 3.0))
+    dwells[:, 1] += np.linspace(-20, 20, 50)
+    with pytest.raises(NotEnoughData, match="still moved in all 40 dwells"):
+        average(_recording(load_rig("shoulder"), dwells))
+
+
 def test_hardly_any_dwell_at_rest_is_rejected() -> None:
     table = average(_recording(load_rig("shoulder"), _dwells(np.full(4, 3.0), poses=400)))
     assert len(table.rejected) <= 1
