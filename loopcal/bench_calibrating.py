@@ -16,6 +16,7 @@ import tomlkit.exceptions
 from rich.table import Table
 
 from loopcal.console import fail, out
+from loopcal.files import create
 from recordings.rig import Channel, parse_rig, rig_text
 from solver.bench_calibration import BenchCalibration, Figure, bench_calibration
 
@@ -48,8 +49,7 @@ def run_bench_calibrate(rig: str, channel: str, table: Path, output: Path | None
     if output is not None:
         written = calibrated_rig(text, told, found)
         parse_rig(written, f"the calibrated {source}")
-        with output.open("x", encoding="utf-8") as file:
-            file.write(written)
+        create(output, written)
         out.print(f"wrote {output}", markup=False)
 
 

@@ -1,6 +1,7 @@
 """The `loopcal` command: every verb, its options, and nothing else.
 
-Each verb reads its input, calls one room, and prints what came back.
+Each verb reads its input, calls one room, and prints what came back. The file is long because
+all verbs and their help stand together, so that the command reads as one table.
 """
 
 from __future__ import annotations

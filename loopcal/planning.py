@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from loopcal.console import fail, out
+from loopcal.files import create
 from recordings.reader import read_recording
 from recordings.rig import Rig, load_rig, parameters
 from solver.poses.criteria import criterion_named
@@ -33,13 +34,7 @@ def run_plan(
         )
     _show(planned)
     if output is not None:
-        try:
-            with output.open("x", encoding="utf-8") as file:
-                file.write(plan_text(rig, planned))
-        except FileExistsError:
-            raise
-        except OSError as error:
-            fail(f"cannot write '{output}': {error.strerror}")
+        create(output, plan_text(rig, planned))
         out.print(f"wrote {output}", markup=False)
 
 
