@@ -3,7 +3,8 @@
 Same topics, same kinds of events and same order of things as a capture of the rig's plan:
 readings of every channel at the plan's rate with a little jitter of arrival, mode commands
 and reports of the drives, a dwell for every pose reached, a fault for every one that was
-not, and the ledger. By hand there are no dwells: whoever reads the file finds them.
+not, and the ledger. A rig with several fixtures is played fixture by fixture, and every dwell
+names its own. By hand there are no dwells: whoever reads the file finds them.
 
 The same rig, poses, seed and effects give the same bytes: the session begins at `EPOCH_NS`,
 whenever it is run. Truth goes to a file of its own or nowhere.
@@ -18,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.events import Dwell, Event, Fault, Mode, ModeCommand, ModeReport
+from recordings.events import Dwell, Event, Fault, Mark, Mode, ModeCommand, ModeReport
 from recordings.rig import Rig, SerialMechanism
 from recordings.session import Session
 from recordings.writer import Writer
@@ -60,7 +61,7 @@ def simulate(
         rig: as described.
         rig_toml: its text, which the recording carries.
         path: file to create.
-        poses: number of distinct poses, in place of the plan's own.
+        poses: number of distinct poses (in each fixture), in place of the plan's own.
         seed: of all that is random, 0 or above.
         hide: effects at work, each ``NAME@WHERE=SIZE`` or ``random``.
         truth_path: file to create with the truth, or None.
@@ -107,11 +108,16 @@ def _write(writer: Writer, nature: Nature, played: Played) -> None:
         writer.write(event)
     sequence = np.arange(len(time_s)) % 2**32
     begin = 0
+    before: Stop | None = None
     for stop in (*played.stops, None):
         end = len(time_s) if stop is None else int(np.searchsorted(time_s, stop.leave_s))
         if stop is not None:
+            if before is not None and before.fixture != stop.fixture:
+                for event in _carried(before, stop):
+                    writer.write(event)
             for event in _moving(stop):
                 writer.write(event)
+            before = stop
         for name, raw, host_ns, device_ns in readings:
             part = slice(begin, end)
             writer.write_readings(name, host_ns[part], raw[part], device_ns[part], sequence[part])
@@ -157,6 +163,15 @@ def _setting_out(nature: Nature) -> Iterator[Event]:
             yield ModeReport(device.joint, EPOCH_NS, Mode.FREE, _ENABLED)
 
 
+def _carried(before: Stop, stop: Stop) -> Iterator[Event]:
+    """The endpoint is taken out of one fixture and put into the next, by hand."""
+    left_ns = _ns(before.leave_s)
+    for joint in before.targets:
+        yield ModeCommand(joint, left_ns, Mode.FREE, None, "change of fixture")
+        yield ModeReport(joint, left_ns, Mode.FREE, _ENABLED)
+    yield Mark(left_ns, f"the endpoint goes from fixture '{before.fixture}' to '{stop.fixture}'")
+
+
 def _moving(stop: Stop) -> Iterator[Event]:
     for joint, raw in stop.targets.items():
         cause = f"pose {stop.pose}, visit {stop.visit}"
@@ -173,4 +188,4 @@ def _standing(stop: Stop, driven: bool) -> Iterator[Event]:
             yield Fault(_ns(stop.arrive_s), joint, "drive", text)
     if driven and not stop.faults:
         end = _ns(stop.leave_s)
-        yield Dwell(end, _ns(stop.rest_s), end, stop.pose, stop.visit)
+        yield Dwell(end, _ns(stop.rest_s), end, stop.pose, stop.visit, stop.fixture)

@@ -7,16 +7,22 @@ is asked for.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from recordings.rig import Rig, parameters
-from sim_devices.plant.errors import TruthNotWritten
+import numpy as np
+
+from recordings.rig import Parameter, Rig, SerialMechanism, parameters
+from sim_devices.plant.errors import CannotSimulate, TruthNotWritten
 from sim_devices.plant.seeds import PARAMETERS, stream
 
 SCHEMA = 1
+
+_ROUNDS = 40
+_KEPT = 1e-12
+"""Distances of fixtures are kept to this [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +63,11 @@ def draw_truth(rig: Rig, seed: int) -> Truth:
     """Nominal values, moved by N(0, uncertainty) where a calibration is to find them out.
 
     A parameter is drawn when the rig identifies it and states its uncertainty; others stay
-    nominal; tied ones follow.
+    nominal; tied ones follow. Fixtures whose distance the rig knows are then moved, as little
+    as their uncertainties ask, until it is what was measured, give or take its own uncertainty.
+
+    Raises:
+        CannotSimulate: no places of the fixtures have the stated distances.
     """
     rng = stream(seed, PARAMETERS)
     table = parameters(rig)
@@ -67,12 +77,54 @@ def draw_truth(rig: Rig, seed: int) -> Truth:
         deviation = rng.standard_normal()
         spread = parameter.uncertainty if parameter.identify and parameter.uncertainty else 0.0
         drawn[parameter.name] = parameter.nominal + spread * float(deviation)
+    if isinstance(rig.mechanism, SerialMechanism) and rig.mechanism.distances:
+        _keep_distances(rig.mechanism, table, drawn, rng)
     values = {
         p.name: drawn[p.name] if p.tie is None else p.tie.factor * drawn[p.tie.parameter]
         for p in table
     }
     units = {parameter.name: (parameter.unit, parameter.to_si) for parameter in table}
     return Truth(seed, MappingProxyType(values), MappingProxyType(units))
+
+
+def _keep_distances(
+    mechanism: SerialMechanism,
+    table: Sequence[Parameter],
+    drawn: dict[str, float],
+    rng: np.random.Generator,
+) -> None:
+    """Move drawn fixtures by least squares (Gauss-Newton, weighted) to their known distances."""
+    names = [f"{fixture}.{axis}" for fixture in mechanism.fixture_names for axis in "xyz"]
+    given = {parameter.name: parameter for parameter in table}
+    spread = np.array(
+        [
+            (given[n].uncertainty or 0.0) * (given[n].identify and given[n].tie is None)
+            for n in names
+        ]
+    )
+    ends = np.array([[names.index(f"{end}.x") for end in d.between] for d in mechanism.distances])
+    measured = [d.distance for d in mechanism.distances]
+    true = np.array([m.nominal + (m.uncertainty or 0.0) * rng.standard_normal() for m in measured])
+    movable = np.array([bool(spread[[a, a + 1, a + 2, b, b + 1, b + 2]].any()) for a, b in ends])
+    ends, true = ends[movable], true[movable]
+    at = np.array([drawn[name] for name in names])
+    corner = np.arange(3)
+    for _ in range(_ROUNDS):
+        apart = at[ends[:, :1] + corner] - at[ends[:, 1:] + corner]
+        length = np.maximum(np.linalg.norm(apart, axis=1), 1e-12)
+        off = length - true
+        if np.abs(off).max(initial=0.0) < _KEPT:
+            drawn.update(zip(names, at.tolist(), strict=True))
+            return
+        rows = np.zeros((len(ends), len(names)))
+        for row, (a, b), along in zip(rows, ends, apart / length[:, None], strict=True):
+            row[a + corner], row[b + corner] = along, -along
+        rows *= spread
+        at = at - spread * (np.linalg.pinv(rows, rcond=1e-9) @ off)
+    raise CannotSimulate(
+        f"no places of the fixtures near their nominal ones have the stated distances: {np.abs(off).max():.3g} m "
+        "remain; check the distances, and which coordinates of the fixtures have an uncertainty"
+    )
 
 
 def truth_json(truth: Truth) -> str:

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from recordings.rig import Rig, SerialMechanism
+from recordings.rig import Rig
 from sim_devices.plant.effects.registry import hidden_effects
 from sim_devices.plant.errors import CannotSimulate
 from sim_devices.plant.nature import Nature, nature_of
@@ -33,11 +33,6 @@ def make_nature(rig: Rig, seed: int, hide: Sequence[str] = (), poses: int | None
             mechanism cannot carry out the plan.
         MechanismDoesNotClose: the same, where the loop does not close.
     """
-    if isinstance(rig.mechanism, SerialMechanism) and len(rig.mechanism.fixtures) > 1:
-        raise CannotSimulate(
-            f"the rig '{rig.name}' has {len(rig.mechanism.fixtures)} fixtures, and nobody is here to move the "
-            "endpoint from one to the next; simulate a rig with one of them"
-        )
     if seed < 0:
         raise CannotSimulate(f"the seed is {seed}, expected 0 or above")
     bare = nature_of(rig, draw_truth(rig, seed))

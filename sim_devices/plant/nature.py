@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from recordings.rig import Rig, SerialMechanism
@@ -24,9 +24,10 @@ class Nature:
     Attributes:
         rig: as described.
         truth: as it is.
-        mechanism: what moves.
+        mechanism: what moves; of a chain with fixtures, as its first one holds it.
         sensors: by channel.
         trackers: what watches its end.
+        loops: a chain as each of its fixtures holds it, by name; by None where it has none.
     """
 
     rig: Rig
@@ -34,6 +35,7 @@ class Nature:
     mechanism: Loop | Plate
     sensors: Mapping[str, Sensor]
     trackers: Trackers
+    loops: Mapping[str | None, Loop] = field(default_factory=dict)
 
     def by_channel(self, places: Array) -> dict[str, Array]:
         """Columns of ``places`` (n, places of the rig) by the channels that sense them."""
@@ -45,12 +47,16 @@ def nature_of(rig: Rig, truth: Truth, effects: Sequence[Effect] = ()) -> Nature:
     """The rig with ``truth`` for its parameters and ``effects`` at work."""
     values = truth.parameters
     mechanism: Loop | Plate
+    loops: dict[str | None, Loop] = {}
     if isinstance(rig.mechanism, SerialMechanism):
-        names = rig.mechanism.fixture_names
-        geometry = chain_geometry(rig.mechanism, values, names[0] if names else None)
-        mechanism = Loop(rig.mechanism, geometry, effects)
+        for name in rig.mechanism.fixture_names or (None,):
+            geometry = chain_geometry(rig.mechanism, values, name)
+            loops[name] = Loop(rig.mechanism, geometry, effects)
+        mechanism = next(iter(loops.values()))
     else:
         mechanism = Plate(rig.mechanism, plate_geometry(rig.mechanism, values), effects)
     sensors = {c.name: Sensor(c, values, effects) for c in rig.channels}
     trackers = Trackers(rig, values)
-    return Nature(rig, truth, mechanism, MappingProxyType(sensors), trackers)
+    return Nature(
+        rig, truth, mechanism, MappingProxyType(sensors), trackers, MappingProxyType(loops)
+    )

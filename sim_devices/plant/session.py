@@ -13,6 +13,7 @@ import numpy as np
 
 from recordings.rig import Plan, visits
 from sim_devices.plant.errors import CannotSimulate
+from sim_devices.plant.fixtures import Passage, drive_through
 from sim_devices.plant.hand import Hand
 from sim_devices.plant.loop import Loop
 from sim_devices.plant.motion import Course, sampled_course
@@ -20,7 +21,6 @@ from sim_devices.plant.nature import Nature
 from sim_devices.plant.plate import Plate
 from sim_devices.plant.quaternion import Array
 from sim_devices.plant.stop import LEAD_S, Stop
-from sim_devices.plant.tour import Tour, drive_tour
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +56,15 @@ def play(nature: Nature, poses: int | None = None) -> Played:
     """
     plan, mechanism = plan_of(nature), nature.mechanism
     if isinstance(mechanism, Loop):
-        tour = _driven(nature, mechanism, poses)
-        stops = tour.stops
+        passage = _driven(nature, poses)
+        stops = passage.stops
         time_s = _samples(plan, stops)
-        places = _joints_and_markers(nature, mechanism, tour.variables_at(time_s), time_s)
+        places = np.vstack(
+            [
+                _joints_and_markers(nature, loop, variables, part_s)
+                for loop, part_s, variables in passage.pieces(time_s)
+            ]
+        )
     else:
         hand = scripted_hand(nature, mechanism, poses)
         stops = hand.round(0, LEAD_S)
@@ -72,10 +77,12 @@ def resting(nature: Nature, poses: int | None = None) -> Mapping[str, Array]:
     """By channel, its value at every stop that the plan reaches [rad or m]; raises as `play` does."""
     mechanism = nature.mechanism
     if isinstance(mechanism, Loop):
-        tour = _driven(nature, mechanism, poses)
-        arrived = np.array([stop.arrive_s for stop in tour.stops if not stop.faults])
-        places = _joints_and_markers(nature, mechanism, tour.at_stops(), arrived)
-        return nature.by_channel(places)
+        parts = []
+        for stay in _driven(nature, poses).stays:
+            tour = stay.tour
+            arrived = np.array([stop.arrive_s for stop in tour.stops if not stop.faults])
+            parts.append(_joints_and_markers(nature, tour.loop, tour.at_stops(), arrived))
+        return nature.by_channel(np.vstack(parts))
     hand = scripted_hand(nature, mechanism, poses)
     arrived = np.array([stop.arrive_s for stop in hand.round(0, LEAD_S)])
     return nature.by_channel(legs_and_markers(nature, mechanism, *hand.plate_at(arrived), arrived))
@@ -110,14 +117,14 @@ def scripted_hand(nature: Nature, plate: Plate, poses: int | None = None) -> Han
     return Hand(plan, visits(plan, poses), plate, spans, nature.truth.seed)
 
 
-def _driven(nature: Nature, loop: Loop, poses: int | None) -> Tour:
+def _driven(nature: Nature, poses: int | None) -> Passage:
     plan = plan_of(nature)
     if plan.mode != "driven":
         raise CannotSimulate(
             "the plan is by hand, but only a platform is simulated so; a chain of joints needs a "
             "driven plan"
         )
-    return drive_tour(nature, loop, visits(plan, poses), plan)
+    return drive_through(nature, plan, poses)
 
 
 def _samples(plan: Plan, stops: tuple[Stop, ...]) -> Array:

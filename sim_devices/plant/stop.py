@@ -27,6 +27,7 @@ class Stop:
         leave_s: the dwell ends.
         targets: by driven joint, the counts that its sensor shall read.
         faults: by driven joint, CiA 402 error code of a drive that did not get there.
+        fixture: that holds the endpoint, or None where the rig has none.
     """
 
     pose: int
@@ -37,3 +38,4 @@ class Stop:
     leave_s: float
     targets: Mapping[str, int] = field(default_factory=dict)
     faults: Mapping[str, int] = field(default_factory=dict)
+    fixture: str | None = None

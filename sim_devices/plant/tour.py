@@ -115,7 +115,9 @@ def counts_for(channel: Channel, nominal: Mapping[str, float], reading: float) -
     return channel.zero_count + round((reading - offset) / gain)
 
 
-def drive_tour(nature: Nature, loop: Loop, visits: Sequence[Visit], plan: Plan) -> Tour:
+def drive_tour(
+    nature: Nature, loop: Loop, visits: Sequence[Visit], plan: Plan, start_s: float = LEAD_S
+) -> Tour:
     """Carry out the visits of a driven plan.
 
     A pose that the mechanism cannot reach is left out: its stop carries the drives' faults,
@@ -126,6 +128,7 @@ def drive_tour(nature: Nature, loop: Loop, visits: Sequence[Visit], plan: Plan) 
         loop: its mechanism.
         visits: in order.
         plan: speed and dwells.
+        start_s: when the first move begins.
 
     Raises:
         CannotSimulate: the mechanism has fewer freedoms than the plan drives.
@@ -143,7 +146,7 @@ def drive_tour(nature: Nature, loop: Loop, visits: Sequence[Visit], plan: Plan) 
             f"for them: '{over[0]}' would fight the others and fault; take it out of 'drives'"
         )
     knots, legs, stops = [here], [], []
-    now = LEAD_S
+    now = start_s
     for visit in visits:
         raw = [counts_for(c, nominal, t) for (_, c), t in zip(drives, visit.targets, strict=True)]
         target = np.array(
