@@ -1,5 +1,6 @@
 """The rig description: one TOML file that says what the mechanism is and what reads it."""
 
+from recordings.rig.effect import DescribedEffect
 from recordings.rig.instruments import CanPort, Channel, Device, SerialPort
 from recordings.rig.mechanism import (
     FREEDOMS,
@@ -21,6 +22,7 @@ __all__ = [
     "POSE",
     "CanPort",
     "Channel",
+    "DescribedEffect",
     "Device",
     "Distance",
     "Fixture",

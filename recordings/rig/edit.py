@@ -1,7 +1,7 @@
 """Putting calibrated values into the text of a rig file, comments and layout kept.
 
 Owns where in the document a parameter stands. Refuses to change anything but nominal values
-and their uncertainties.
+and their uncertainties, and to add anything but effects.
 """
 
 from __future__ import annotations
@@ -13,16 +13,25 @@ from typing import Any
 import tomlkit
 
 from recordings.errors import RigError
-from recordings.rig.quantity import UNITS
+from recordings.rig.effect import DescribedEffect
+from recordings.rig.quantity import UNITS, Quantity
 
 _DIGITS = 10
 _UNCERTAINTY_DIGITS = 4
-_PLAIN = {
+PLAIN = {
     "length": "m",
     "angle": "deg",
     "length/count": "m_per_count",
     "angle/count": "deg_per_count",
+    "count": "counts",
+    "time": "s",
+    "rate": "per_s",
+    "speed": "m_per_s",
+    "angular speed": "deg_per_s",
+    "compliance": "m_per_N",
+    "angular compliance": "deg_per_Nm",
 }
+"""Unit suffix of a key that is written anew, by dimension; a ratio takes none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +63,41 @@ def with_values(text: str, values: Mapping[str, Calibrated]) -> str:
     return tomlkit.dumps(document)
 
 
+def with_effect(text: str, effect: DescribedEffect) -> str:
+    """The rig file ``text`` with one more ``[[effect]]`` at its end.
+
+    Raises:
+        RigError: the rig has this effect already.
+    """
+    document: Any = tomlkit.parse(text)
+    if effect.label in dict(_owners(document)):
+        raise RigError(f"the rig has the effect '{effect.label}' already")
+    entry = tomlkit.table()
+    entry["name"], entry["where"] = effect.name, effect.where
+    for part, quantity in effect.values.items():
+        ratio = quantity.dimension == "ratio"
+        key = part if ratio else f"{part}_{PLAIN[quantity.dimension]}"
+        factor = 1.0 if ratio else UNITS[PLAIN[quantity.dimension]][1]
+        entry[key] = _written(quantity, factor)
+    if "effect" not in document:
+        document["effect"] = tomlkit.aot()
+    document["effect"].append(entry)
+    return tomlkit.dumps(document)
+
+
+def _written(quantity: Quantity, factor: float) -> Any:
+    nominal = float(f"{quantity.nominal / factor:.{_DIGITS}g}")
+    if quantity.uncertainty is None and not quantity.identify:
+        return nominal
+    table = tomlkit.inline_table()
+    table["nominal"] = nominal
+    if quantity.uncertainty is not None:
+        table["uncertainty"] = float(f"{quantity.uncertainty / factor:.{_UNCERTAINTY_DIGITS}g}")
+    if quantity.identify:
+        table["identify"] = True
+    return table
+
+
 def _owners(document: Any) -> Iterator[tuple[str, Any]]:
     """Every table that has parameters, by its name."""
     mechanism = document["mechanism"]
@@ -65,6 +109,8 @@ def _owners(document: Any) -> Iterator[tuple[str, Any]]:
     for table in tables:
         for entry in table:
             yield entry["name"], entry
+    for entry in document.get("effect", []):
+        yield f"{entry['name']}@{entry['where']}", entry
 
 
 def _set(entry: Any, part: str, calibrated: Calibrated) -> None:
@@ -73,8 +119,11 @@ def _set(entry: Any, part: str, calibrated: Calibrated) -> None:
         for unit, (dimension, _) in UNITS.items()
         if dimension == calibrated.dimension
     ]
-    key = next((k for k in fitting if k in entry), f"{part}_{_PLAIN[calibrated.dimension]}")
-    factor = UNITS[key.removeprefix(f"{part}_")][1]
+    if part in entry:
+        key, factor = part, 1.0
+    else:
+        key = next((k for k in fitting if k in entry), f"{part}_{PLAIN[calibrated.dimension]}")
+        factor = UNITS[key.removeprefix(f"{part}_")][1]
     nominal = float(f"{calibrated.value / factor:.{_DIGITS}g}")
     old = entry.get(key)
     if calibrated.standard_error is None and not isinstance(old, dict):

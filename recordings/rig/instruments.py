@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from recordings.rig.quantity import COORDINATE, GAIN, Described, Quantity, fail
+from recordings.rig.quantity import COORDINATE, GAIN, LENGTH, Described, Quantity, fail
 
 Count = Annotated[int, Field(ge=-(2**53), le=2**53)]
 """A raw count: an integer that a double holds exactly."""
@@ -54,13 +54,15 @@ class Channel(Described):
     value = gain * (counts - zero_count) + offset, in rad or m. ``modulus_counts`` says that
     the counter wraps; counts are then taken in [zero - modulus/2, zero + modulus/2).
     ``noise`` is the standard deviation expected of one sample, in counts; a solve uses the
-    noise that it measures.
+    noise that it measures. ``turn`` is the travel of one revolution of a length sensor's shaft
+    (a draw-wire drum, a spindle); joints that turn need none.
     """
 
     quantities: ClassVar[dict[str, tuple[str, ...]]] = {
         "gain": GAIN,
         "offset": COORDINATE,
         "noise": ("counts",),
+        "turn": LENGTH,
     }
 
     name: str
@@ -73,6 +75,7 @@ class Channel(Described):
     count_range: tuple[Count, Count] | None = None
     modulus_counts: Count | None = None
     noise: float = 0.0
+    turn: float | None = None
 
     @model_validator(mode="after")
     def _counts_make_sense(self) -> Channel:
@@ -81,6 +84,8 @@ class Channel(Described):
             raise fail(f"'count_range' is {found}, expected [lowest, highest]")
         if self.modulus_counts is not None and self.modulus_counts <= 1:
             raise fail(f"'modulus_counts' is {self.modulus_counts}, expected above 1")
+        if self.turn is not None and self.turn <= 0:
+            raise fail(f"'turn' of the channel '{self.name}' is {self.turn} m, expected above 0")
         if self.noise < 0:
             raise fail(f"'noise_counts' is {self.noise}, expected 0 or above")
         return self

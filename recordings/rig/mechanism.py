@@ -58,6 +58,9 @@ class Joint(Described):
 
     ``urdf``: the joint's origin, as a fixed transform, and then the turn about, or the slide
     along, ``axis``.
+
+    ``mass`` is that of the link behind the joint and ``com`` its centre, in the frame that the
+    joint's transform ends in.
     """
 
     quantities: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -69,6 +72,8 @@ class Joint(Described):
         **_POSE_UNITS,
         "limits": COORDINATE,
         "home": COORDINATE,
+        "mass": ("kg",),
+        "com": LENGTH,
     }
 
     name: str
@@ -88,6 +93,8 @@ class Joint(Described):
     rz: Quantity = _ANGLE
     limits: Range | None = None
     home: Quantity = Quantity()
+    mass: float | None = None
+    com: tuple[float, float, float] | None = None
 
     @property
     def dimension(self) -> str:
@@ -119,6 +126,17 @@ class Joint(Described):
         length = sum(part**2 for part in self.direction) ** 0.5
         if abs(length - 1.0) > _UNIT:
             raise fail(f"'axis' has the length {length:.6g}, expected a unit vector")
+        return self
+
+    @model_validator(mode="after")
+    def _mass_has_a_place(self) -> Joint:
+        if self.mass is not None and self.mass < 0:
+            raise fail(f"'mass_kg' of the joint '{self.name}' is {self.mass}, expected 0 or above")
+        if (self.mass is None) != (self.com is None):
+            raise fail(
+                f"the joint '{self.name}' gives one of 'mass_kg' and 'com_m'; "
+                "a link's weight needs both"
+            )
         return self
 
     @model_validator(mode="after")
@@ -299,7 +317,15 @@ class PlatformMechanism(Described):
 
     ``leg_readings = "change"``: what a leg's channel senses is not its length but its length
     minus that at the neutral pose (line encoders set to zero there).
+
+    ``plate_mass`` with its centre ``plate_com`` in the plate frame is what the legs carry while
+    the plate stands; ``standing = "held-by-hand"`` says that a hand carries it instead.
     """
+
+    quantities: ClassVar[dict[str, tuple[str, ...]]] = {
+        "plate_mass": ("kg",),
+        "plate_com": LENGTH,
+    }
 
     family: Literal["platform"]
     plate: Literal["pivoted", "free", "point"]
@@ -308,6 +334,9 @@ class PlatformMechanism(Described):
     legs: tuple[Leg, ...] = Field(alias="leg", min_length=1)
     neutral: Neutral = Neutral()
     leg_readings: Literal["length", "change"] = "length"
+    plate_mass: float | None = None
+    plate_com: tuple[float, float, float] | None = None
+    standing: Literal["on-legs", "held-by-hand"] = "on-legs"
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -317,6 +346,14 @@ class PlatformMechanism(Described):
     def dimension_of(self, place: str) -> str:
         """What a channel at ``place`` measures: every leg is a length."""
         return "length"
+
+    @model_validator(mode="after")
+    def _plate_mass_has_a_place(self) -> PlatformMechanism:
+        if self.plate_mass is not None and self.plate_mass < 0:
+            raise fail(f"'plate_mass_kg' is {self.plate_mass}, expected 0 or above")
+        if (self.plate_mass is None) != (self.plate_com is None):
+            raise fail("give both 'plate_mass_kg' and 'plate_com_m', or neither")
+        return self
 
     @model_validator(mode="after")
     def _legs_end_at_points(self) -> PlatformMechanism:

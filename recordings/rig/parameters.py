@@ -24,8 +24,8 @@ class Parameter:
 
     Attributes:
         name: ``<joint>.<a|s|alpha|theta_offset>``, ``<channel>.<offset|gain>``,
-            ``<point|marker>.<x|y|z>`` or ``<tracker>.<x|y|z|rx|ry|rz>``.
-        dimension: "length", "angle", "length/count" or "angle/count".
+            ``<point|marker>.<x|y|z>``, ``<tracker>.<x|y|z|rx|ry|rz>`` or ``<effect>@<where>.<value>``.
+        dimension: "length", "angle", "length/count" or "angle/count"; effects have others too.
         nominal: value before calibration, SI (rad, m, rad/count, m/count); ties resolved.
         uncertainty: standard uncertainty of the nominal value, SI, or None.
         identify: whether the rig asks for it to be estimated.
@@ -79,10 +79,13 @@ def quantities(rig: Rig) -> Iterator[tuple[str, Quantity, str]]:
             for axis in ("x", "y", "z"):
                 quantity = getattr(marker, axis)
                 yield f"{marker.name}.{axis}", quantity, quantity.dimension
+    for effect in rig.effects:
+        for part, quantity in effect.values.items():
+            yield f"{effect.label}.{part}", quantity, quantity.dimension
 
 
 def parameters(rig: Rig) -> tuple[Parameter, ...]:
-    """The parameter table of ``rig``: mechanism first, then channels, then trackers, in file order."""
+    """The parameter table of ``rig``: mechanism, channels, trackers, effects, in file order."""
     given = {name: quantity for name, quantity, _ in quantities(rig)}
 
     def nominal(quantity: Quantity) -> float:

@@ -38,6 +38,15 @@ UNITS: dict[str, tuple[str, float]] = {
     "deg_per_s": ("angular speed", DEGREE),
     "s": ("time", 1.0),
     "hz": ("frequency", 1.0),
+    "1": ("ratio", 1.0),
+    "percent": ("ratio", 0.01),
+    "per_s": ("rate", 1.0),
+    "ppm_per_s": ("rate", 1e-6),
+    "rad_per_s": ("angular speed", 1.0),
+    "m_per_N": ("compliance", 1.0),
+    "mm_per_N": ("compliance", 1e-3),
+    "rad_per_Nm": ("angular compliance", 1.0),
+    "deg_per_Nm": ("angular compliance", DEGREE),
 }
 """Accepted unit suffixes: dimension and factor to SI."""
 
@@ -46,6 +55,14 @@ SHOWN: dict[str, tuple[str, float]] = {
     "angle": ("deg", DEGREE),
     "length/count": ("m/count", 1.0),
     "angle/count": ("deg/count", DEGREE),
+    "count": ("counts", 1.0),
+    "ratio": ("1", 1.0),
+    "time": ("s", 1.0),
+    "rate": ("1/s", 1.0),
+    "speed": ("m/s", 1.0),
+    "angular speed": ("deg/s", DEGREE),
+    "compliance": ("m/N", 1.0),
+    "angular compliance": ("deg/Nm", DEGREE),
 }
 """Unit in which results give a parameter of each dimension, with its factor to SI."""
 
@@ -188,7 +205,8 @@ def _range(key: str, value: Any, unit: str) -> Range:
     return Range(low, high, UNITS[unit][0])
 
 
-def _quantity(key: str, value: Any, unit: str) -> Quantity:
+def read_quantity(key: str, value: Any, unit: str) -> Quantity:
+    """The quantity that ``key``, whose suffix is ``unit``, gives: a number or a table."""
     dimension, factor = UNITS[unit]
     if not isinstance(value, dict):
         return Quantity(_finite(key, value) * factor, dimension)
@@ -236,10 +254,12 @@ def _tie(key: str, text: Any) -> Tie:
 
 _READERS: dict[Any, Callable[[str, Any, str], Any]] = {
     float: _number,
-    Quantity: _quantity,
-    Quantity | None: _quantity,
+    Quantity: read_quantity,
+    Quantity | None: read_quantity,
     Range: _range,
     Range | None: _range,
+    float | None: _number,
     tuple[float, float, float] | None: _vector,
+    tuple[float, float, float]: _vector,
     tuple[tuple[float, ...], ...] | None: _rows,
 }

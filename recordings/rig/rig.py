@@ -15,6 +15,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 from pydantic import Field, ValidationError, model_validator
 
 from recordings.errors import RigError
+from recordings.rig.effect import DescribedEffect
 from recordings.rig.instruments import CanPort, Channel, Device, SerialPort
 from recordings.rig.mechanism import PlatformMechanism, SerialMechanism
 from recordings.rig.parameters import quantities
@@ -49,6 +50,7 @@ class Rig(Described):
     devices: tuple[Device, ...] = Field(alias="device", default=())
     ports: tuple[Port, ...] = Field(alias="port", default=())
     trackers: tuple[Tracker, ...] = Field(alias="tracker", default=())
+    effects: tuple[DescribedEffect, ...] = Field(alias="effect", default=())
     plan: Plan | None = None
     gravity: tuple[float, float, float] | None = None
 
@@ -135,6 +137,14 @@ class Rig(Described):
                     _known("the plan drives, but no device moves,", name, driven)
                 if self.sensed_by(name) is None:
                     raise fail(f"the plan drives '{name}', which no channel senses")
+        return self
+
+    @model_validator(mode="after")
+    def _effects_are_unique(self) -> Rig:
+        labels = [effect.label for effect in self.effects]
+        twice = sorted(label for label, count in Counter(labels).items() if count > 1)
+        if twice:
+            raise fail(f"the effect '{twice[0]}' is given twice; give it once, with all its values")
         return self
 
     @model_validator(mode="after")
