@@ -408,6 +408,24 @@ def rig_choose(
         show_choice(rig, condition)
 
 
+@rig_app.command("sensitivity")
+def rig_sensitivity(
+    rig: RigArgument,
+    source: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="FILE", help="At the values of a result file or recording."),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option("--report", metavar="FILE", help="Write a page with the picture.")
+    ] = None,
+) -> None:
+    """Show how far an error of each parameter puts the endpoint or plate from where it is."""
+    from loopcal.rig_view import show_sensitivity
+
+    with explained():
+        show_sensitivity(rig, source, report)
+
+
 @app.command()
 def plan(
     rig: RigArgument,

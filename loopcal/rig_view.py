@@ -1,13 +1,19 @@
-"""What `loopcal rig check` and `loopcal rig choose` print."""
+"""What `loopcal rig check`, `loopcal rig choose` and `loopcal rig sensitivity` print."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import numpy as np
 from rich.table import Table
 
 from loopcal.console import err, out
+from loopcal.files import create
 from recordings.rig import Rig, SerialMechanism, load_rig, parameters
 from solver.parameter_choice import SURE, choose_parameters
+from solver.report.notation import figures
 from solver.rig_check import RigCheck, check_rig
+from solver.sensitivity import generic_sensitivity
 
 
 def show_check(name: str) -> bool:
@@ -103,3 +109,41 @@ def show_choice(name: str, condition: float) -> None:
         soft_wrap=True,
     )
     out.print(f"identify: {', '.join(found.chosen)}", markup=False, soft_wrap=True)
+
+
+def show_sensitivity(name: str, source: Path | None, report: Path | None) -> None:
+    """Print how far an error of each parameter moves the endpoint or plate; the page goes to ``report``."""
+    from loopcal.planning import calibrated_values
+
+    rig = load_rig(name)
+    found = generic_sensitivity(rig, None if source is None else calibrated_values(rig, source))
+    kinds = []
+    if found.shifts:
+        kinds.append(("mm", 1e-3, found.displacement_rms, found.displacement_max))
+    if found.turns:
+        kinds.append(("deg", np.pi / 180.0, found.rotation_rms, found.rotation_max))
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table.add_column("\nparameter", no_wrap=True)
+    table.add_column("\nerror", justify="right", no_wrap=True)
+    for unit, *_ in kinds:
+        for heading in (f"{unit}\nRMS", f"{unit}\nworst", "per\nunit"):
+            table.add_column(heading, justify="right", no_wrap=True)
+    for i, (parameter, (unit, step)) in enumerate(zip(found.space.names, found.steps, strict=True)):
+        said = "" if found.stated[i] else "\u00a0*"
+        row = [parameter, f"{found.errors[i] / step:.6g}\u00a0{unit}{said}"]
+        for _, factor, rms, most in kinds:
+            row += [figures(rms[i] / factor), figures(most[i] / factor)]
+            row.append(figures(rms[i] / factor * found.per_unit[i]))
+        table.add_row(*row)
+    out.print(table)
+    out.print(
+        f"Error of the endpoint or plate if one parameter alone is off by its stated uncertainty, over {found.poses} "
+        "poses within reach; per unit: for 1 mm, 1 deg or 1 %. * states none: one unit is taken.",
+        markup=False,
+        soft_wrap=True,
+    )
+    if report is not None:
+        from solver.report import render_sensitivity
+
+        create(report, render_sensitivity(rig, found))
+        out.print(f"wrote {report}", markup=False)

@@ -93,7 +93,7 @@ class Calibration:
 
     def end_poses(self, counts: Array, sigma: Array) -> EndPoses:
         """Endpoint or plate at readings ``counts`` (P, C) with standard deviations ``sigma`` (P, C) [counts]."""
-        if isinstance(self.model, SerialModel) and self._sensed_all_the_way(self.model):
+        if isinstance(self.model, SerialModel) and sensed_all_the_way(self.model):
             return self._forward(self.model, counts, sigma)
         observed = Observations(counts, sigma)
         start = assemble(self.model, observed, self.parameters)
@@ -108,13 +108,6 @@ class Calibration:
         return self._with_parameters(
             end, end.by_parameters + end.by_coordinates @ settled.following, spread, misfit
         )
-
-    @staticmethod
-    def _sensed_all_the_way(model: SerialModel) -> bool:
-        used = {
-            m.coordinate for m in model.chain.motions[model.base : model.end] if m.coordinate >= 0
-        }
-        return used <= set(model.sensed.tolist())
 
     def _forward(self, model: SerialModel, counts: Array, sigma: Array) -> EndPoses:
         coordinates = np.zeros((len(counts), len(model.coordinate_names)))
@@ -151,6 +144,12 @@ class Calibration:
         spread: Array = np.linalg.pinv(kkt, hermitian=True)[:, :size, :size]
         unscaled: Array = spread * scale[:, :, None] * scale[:, None, :]
         return unscaled
+
+
+def sensed_all_the_way(model: SerialModel) -> bool:
+    """Whether every joint between the base and the end has a channel: forward kinematics then suffices."""
+    used = {m.coordinate for m in model.chain.motions[model.base : model.end] if m.coordinate >= 0}
+    return used <= set(model.sensed.tolist())
 
 
 def _t(stack: Array) -> Array:

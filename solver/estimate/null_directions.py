@@ -179,10 +179,10 @@ def _words(space: ParameterSpace, change: Array, order: NDArray[np.intp], at: Ar
             if abs(second - sign * first) <= _EQUAL * abs(first):
                 return f"{names[0]} and {names[1]}, seen only as their {word}"
         names = [space.names[i] for i in order]
-    lead = change[order[0]] / _step(table[0], at[space.identified[order[0]]])[1]
+    lead = change[order[0]] / step_of(table[0], at[space.identified[order[0]]])[1]
     terms = []
     for i, parameter in list(zip(order, table, strict=True))[:_MOST_NAMED]:
-        unit, step = _step(parameter, at[space.identified[i]])
+        unit, step = step_of(parameter, at[space.identified[i]])
         terms.append(f"{change[i] / step / lead:+.3g} {unit} of {space.names[i]}")
     rest = len(order) - len(terms)
     hidden = _listed([*terms[1:], *([f"{rest} more changes"] if rest else [])])
@@ -190,8 +190,8 @@ def _words(space: ParameterSpace, change: Array, order: NDArray[np.intp], at: Ar
     return f"{_listed(shown)}, seen only together: {terms[0]} is undone by {hidden}"
 
 
-def _step(parameter: Parameter, value: float) -> tuple[str, float]:
-    """The unit in which a person thinks of a change of ``parameter``, and its size in SI."""
+def step_of(parameter: Parameter, value: float) -> tuple[str, float]:
+    """The unit in which a person thinks of a change of ``parameter`` at ``value``, and its size in SI."""
     if parameter.dimension in _STEPS:
         return _STEPS[parameter.dimension]
     return "%", 0.01 * (abs(value) or 1.0)

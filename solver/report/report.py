@@ -12,11 +12,16 @@ import shlex
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from numpy.typing import NDArray
 
 from recordings.reader import Recording
+from recordings.rig import Rig, SerialMechanism
 from recordings.session import SOFTWARE, to_metadata
 from solver.errors import SolverError
+from solver.estimate.nuisance import Observations
+from solver.mechanism.space import ParameterSpace
 from solver.poses.criteria import IN_WORDS
 from solver.report.channels import channel_summaries
 from solver.report.comparison import compare
@@ -27,8 +32,10 @@ from solver.report.pictures.changes import changes
 from solver.report.pictures.closures import closures
 from solver.report.pictures.residuals import residuals
 from solver.report.pictures.selected import selected
+from solver.report.pictures.sensitivity import sensitivity_picture
 from solver.report.pictures.singular_values import singular_values
 from solver.report.verdict import ACCEPTABLE_CONDITION, certificate, verdict
+from solver.sensitivity import Sensitivity, sensitivity
 from solver.solve import Solution
 
 
@@ -113,6 +120,7 @@ def render(
         else closures(before, after, solution.selection.poses),
         selected=selected(solution),
         singular_values=singular_values(jacobians, methods, ACCEPTABLE_CONDITION),
+        sensitivity=sensitivity_picture(*_sensitivity(solution)),
         recording=recording,
         session={} if recording is None else to_metadata(recording.session),
         software=SOFTWARE,
@@ -120,7 +128,39 @@ def render(
     )
 
 
-def _template() -> Template:
+def _sensitivity(solution: Solution) -> tuple[Sensitivity, NDArray[np.float64]]:
+    """Of the endpoint or plate to what the rig identifies or doubts, with the standard errors reached."""
+    estimate, used, table = solution.estimate, solution.selection.poses, solution.table
+    mechanism = solution.rig.mechanism
+    fixtures = mechanism.fixture_names if isinstance(mechanism, SerialMechanism) else ()
+    reached = dict(zip(estimate.space.names, np.sqrt(np.diag(estimate.covariance)), strict=True))
+    names = [
+        p.name
+        for p in estimate.space.table
+        if p.tie is None and (p.name in reached or p.uncertainty)
+    ]
+    found = sensitivity(
+        solution.model,
+        ParameterSpace.of(estimate.space.table, names),
+        estimate.parameters,
+        Observations(table.counts, table.sigma, table.fixture(fixtures)).take(used),
+        solution.after.coordinates[used],
+    )
+    return found, np.array([reached.get(name, np.nan) for name in names])
+
+
+def render_sensitivity(rig: Rig, found: Sensitivity) -> str:
+    """A page about the sensitivity of the endpoint or plate of ``rig``, without a recording."""
+    return _template("sensitivity.html.jinja").render(
+        rig=rig,
+        found=found,
+        degree=np.pi / 180.0,
+        picture=sensitivity_picture(found),
+        software=SOFTWARE,
+    )
+
+
+def _template(name: str = "report.html.jinja") -> Template:
     environment = Environment(
         loader=PackageLoader("solver.report", "templates"),
         autoescape=True,
@@ -136,7 +176,7 @@ def _template() -> Template:
         plain=lambda value: typeset(plain(value)),
         decimals_for=decimals_for,
     )
-    return environment.get_template("report.html.jinja")
+    return environment.get_template(name)
 
 
 def _command(solution: Solution, recording: Recording | None) -> str:

@@ -18,7 +18,7 @@ from solver.report import ReportError, render, write_report
 from tests.solver.synthetic import solution, truth_shown
 
 _VOID = {"meta", "br", "path", "use", "rect", "line", "circle", "polygon"}
-_FIGURES = {"changes", "residuals", "selected", "singular-values"}
+_FIGURES = {"changes", "residuals", "selected", "sensitivity", "singular-values"}
 
 
 class Page(HTMLParser):
