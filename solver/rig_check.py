@@ -11,6 +11,7 @@ from recordings.rig import Rig, SerialMechanism, parameters
 from solver.errors import MechanismError
 from solver.estimate.identifiability import Identifiability, identifiability
 from solver.estimate.nuisance import Observations, settle
+from solver.estimate.null_directions import point_frames
 from solver.mechanism.model import Model, model_of
 from solver.mechanism.space import ParameterSpace
 from solver.poses.wander import assembled, limits, wander
@@ -83,7 +84,12 @@ def check_rig(rig: Rig) -> RigCheck:
     at = model.linearise(poses, space.nominal, space.expansion)
     observed = Observations(at.readings, np.tile(sigma, (len(poses), 1)))
     settled = settle(model, observed, poses, space.nominal, space.expansion)
-    found = identifiability(space, settled.jacobian.reshape(-1, len(space.names)))
+    found = identifiability(
+        space,
+        settled.jacobian.reshape(-1, len(space.names)),
+        space.nominal,
+        point_frames(rig),
+    )
     remarks += [f"generic poses do not determine: {words}" for words in found.combinations]
     return RigCheck(
         mobility, redundancy, sensed, unsensed, space.names, found, tuple(mistakes), tuple(remarks)

@@ -13,13 +13,12 @@ explain the readings equally well. That is the limit of Bayes' rule where the da
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.estimate.null_directions import NullDirection, readable
+from solver.estimate.null_directions import NullDirection, PointFrames, readable
 from solver.mechanism.space import ParameterSpace
 
 Array = NDArray[np.float64]
@@ -89,7 +88,7 @@ def identifiability(
     space: ParameterSpace,
     jacobian: Array,
     at: Array | None = None,
-    frames: Mapping[str, Sequence[str]] | None = None,
+    frames: PointFrames | None = None,
 ) -> Identifiability:
     """Rank decision for a whitened Jacobian.
 
@@ -97,15 +96,15 @@ def identifiability(
         space: what is identified.
         jacobian: (M, n), SI columns.
         at: (N,) parameters at which it was taken; nominal by default.
-        frames: names of the points in each frame (`null_directions.point_frames`), which lets
-            shifts and turns of a whole frame be named.
+        frames: the rig's points (`null_directions.point_frames`), which lets shifts, turns and
+            scales of several of them be named.
     """
     plausible = plausible_error(space)
     held, singular = undetermined(space, jacobian)
     directions: tuple[NullDirection, ...] = ()
     if held.shape[1]:
         where = space.nominal if at is None else at
-        directions = readable(space, held, plausible, where, frames or {})
+        directions = readable(space, held, plausible, where, frames or PointFrames({}))
     stated = dict(zip(space.names, np.isfinite(space.uncertainty), strict=True))
     held_by = tuple(
         BY_PRIORS if all(stated[name] for name in direction.members) else BY_NOMINAL

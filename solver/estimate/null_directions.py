@@ -6,6 +6,7 @@ null is decided in `identifiability`. Three kinds of readable directions are loo
 - sparse ones: for each parameter, the direction of least 1-norm that moves it by one plausible
   error (a linear program), which has zeros wherever the null space allows zeros;
 - the common scale of all lengths and gains, where the mechanism measures nothing absolute;
+- the scale of one plate point with its legs, where a pivoted plate is joined to nothing else by them;
 - shifts and turns of a whole frame of points, where nothing says where that frame is.
 
 Of these the simplest are taken that together span the null space (greedily, which is best
@@ -50,15 +51,44 @@ class NullDirection:
     members: tuple[str, ...]
 
 
-def point_frames(rig: Rig) -> dict[str, tuple[str, ...]]:
-    """Names of the points in each frame of ``rig`` that could be shifted or turned as a whole."""
+@dataclass(frozen=True, slots=True)
+class PointFrames:
+    """Points of a rig that the readings may not tell from others.
+
+    Attributes:
+        points: by frame, the points that could be shifted or turned as a whole.
+        joined: groups of points and leg channels, each of which could be scaled by itself.
+    """
+
+    points: Mapping[str, tuple[str, ...]]
+    joined: tuple[tuple[str, ...], ...] = ()
+
+
+def point_frames(rig: Rig) -> PointFrames:
+    """The points of ``rig``; those that legs join stay in one group.
+
+    Where the plate turns about the common origin of both frames, a leg from A to B has
+    L^2 = |A|^2 + |B|^2 - 2 A.RB, which scales with A and B at any turn R: what no leg joins can have
+    scales of its own.
+    """
     mechanism = rig.mechanism
     if not isinstance(mechanism, PlatformMechanism):
-        return {}
-    return {
+        return PointFrames({})
+    frames = {
         "base": tuple(point.name for point in mechanism.base_points),
         "plate": tuple(point.name for point in mechanism.plate_points),
     }
+    if mechanism.plate != "pivoted":
+        return PointFrames(frames)
+    groups: list[tuple[str, ...]] = []
+    for leg in mechanism.legs:
+        channel = rig.sensed_by(leg.name)
+        group: tuple[str, ...] = (leg.plate, leg.base, *([channel.name] if channel else []))
+        for other in [g for g in groups if leg.base in g or leg.plate in g]:
+            groups.remove(other)
+            group = (*other, *(name for name in group if name not in other))
+        groups.append(group)
+    return PointFrames(frames, tuple(groups) if len(groups) > 1 else ())
 
 
 def readable(
@@ -66,7 +96,7 @@ def readable(
     null: Array,
     plausible: Array,
     at: Array,
-    frames: Mapping[str, Sequence[str]],
+    frames: PointFrames,
 ) -> tuple[NullDirection, ...]:
     """Readable directions that span the null space.
 
@@ -75,13 +105,14 @@ def readable(
         null: (n, k) orthonormal basis, in plausible errors.
         plausible: (n,) the size of a plausible error of each parameter, SI.
         at: (N,) parameters at which the null space was found.
-        frames: names of the points in each frame: see `point_frames`.
+        frames: the points: see `point_frames`.
     """
     offered: list[tuple[float, float, Array, str | None]] = []
     for direction in _sparse(null):
         members = int(np.sum(_large(direction)))
         offered.append((members, float(np.abs(direction).sum()), direction, None))
-    for words, change in (*_scale(space, at), *_frame_motions(space, at, frames)):
+    common = (*_scale(space, at), *_own_scales(space, at, frames.joined))
+    for words, change in (*common, *_frame_motions(space, at, frames.points)):
         moved = change / plausible
         size = float(np.linalg.norm(moved))
         if np.linalg.norm(moved - null @ (null.T @ moved)) <= _INSIDE * size:
@@ -144,6 +175,23 @@ def _scale(space: ParameterSpace, at: Array) -> Iterator[tuple[str, Array]]:
         kinds = {space.table[i].dimension for i in space.identified}
         gains = " and gains" if "length/count" in kinds else ""
         yield f"the common scale of all lengths{gains}", change
+
+
+def _own_scales(
+    space: ParameterSpace, at: Array, joined: Sequence[Sequence[str]]
+) -> Iterator[tuple[str, Array]]:
+    """For each group of points and channels its scale, where all of it can follow."""
+    for group in joined:
+        full = np.array(
+            [
+                value if p.dimension in ("length", "length/count") else 0.0
+                for p, value in zip(space.table, at, strict=True)
+            ]
+        )
+        full[[p.name.rpartition(".")[0] not in group for p in space.table]] = 0.0
+        change = space.reduce(full)
+        if change.any() and np.abs(space.expansion @ change - full).max() <= 1e-12:
+            yield f"the scale of {group[0]} with its legs alone ({', '.join(group[1:])})", change
 
 
 def _frame_motions(
