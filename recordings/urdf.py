@@ -2,7 +2,9 @@
 
 Owns what of a URDF a calibration needs: the joints from the root to the tip. Moving joints
 become joints of convention ``urdf``; fixed ones are folded into the origin behind them, and
-those behind the last moving joint into ``tip``. Meshes, masses and other branches are left
+those behind the last moving joint into ``tip``. Where an origin's ry is a right angle, turns about
+x and z are the same, and small errors of the three angles do not reach every small rotation; the rig's
+frame of that joint is then the URDF's with its axes permuted, which keeps every ry away from it. Meshes, masses and other branches are left
 as they are. Refuses floating and planar joints and joints that mimic others.
 """
 
@@ -29,6 +31,10 @@ COUNT = 1e-9
 
 _MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 _LOCKED = 1e-6  # |cos ry| below which turns about x and z are the same
+_STEEP = 0.1  # |cos ry| below which they are too nearly the same for a rig
+_NONE = np.eye(4)
+_CYCLED = _NONE[:, [1, 2, 0, 3]]  # x, y, z become y, z, x: 120 deg about (1, 1, 1)
+_ASIDE = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])  # 90 deg about z
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,19 +111,22 @@ def rig_from_urdf(
         f'closure = {{ constraint = "{constraint}" }}',
     ]
     channels: list[str] = []
-    reached = np.eye(4)
-    for number, link in enumerate(links, 1):
-        at = _pose_of(link.transform)
-        reached = reached @ link.transform
+    reached = previous = _NONE
+    for number, (link, frame) in enumerate(zip(links, _frames(links), strict=True), 1):
+        transform = previous.T @ link.transform @ frame
+        at = _pose_of(transform)
+        reached, previous = reached @ transform, frame
         if link.joint is None:
-            if link.name is not None:
-                lines += ["", "[mechanism.tip]", *_pose_lines(at, doubts, known=not doubts.tip)]
+            if link.name is not None or not np.array_equal(transform, _NONE):
+                known = link.name is None or not doubts.tip
+                lines += ["", "[mechanism.tip]", *_pose_lines(at, doubts, known=known)]
             continue
-        joint, axis = link.joint, _axis(link.joint)
-        home = 0.0 if joint.limit is None or joint.type == "continuous" else _middle(joint)
-        kind = _MOVING[joint.type]
+        joint, axis = link.joint, frame[:3, :3].T @ _axis(link.joint) + 0.0
+        home, kind = _home(joint), _MOVING[joint.type]
         unit = "rad" if kind == "revolute" else "m"
         lines += ["", "[[mechanism.joint]]", f'name = "{joint.name}"', f'type = "{kind}"']
+        if frame is not _NONE:
+            lines.append("# This frame is the URDF's with its axes permuted: ry was a right angle.")
         lines += [
             'convention = "urdf"',
             f"axis = {[float(a) for a in axis]}",
@@ -162,7 +171,10 @@ def calibrated_urdf(text: str, tip: str, values: Mapping[str, float]) -> str:
     """
     document = etree.fromstring(text.encode("utf-8"))
     elements = {element.get("name"): element for element in document.findall("joint")}
-    for number, link in enumerate(_chain(_parsed(text), tip), 1):
+    links = _chain(_parsed(text), tip)
+    previous = _NONE
+    for number, (link, frame) in enumerate(zip(links, _frames(links), strict=True), 1):
+        ahead, previous = previous, frame
         if link.name is None:
             continue
         owner = link.name if link.joint is not None else "tip"
@@ -173,6 +185,7 @@ def calibrated_urdf(text: str, tip: str, values: Mapping[str, float]) -> str:
             raise RigError(
                 f"the values have no parameter {error}; they are not of a rig made from this URDF"
             ) from error
+        estimate = ahead @ estimate @ frame.T
         if link.joint is not None:
             estimate = estimate @ _moved(_axis(link.joint), offset, _MOVING[link.joint.type])
         pose = _pose_of(np.linalg.inv(link.before) @ estimate)
@@ -183,8 +196,8 @@ def calibrated_urdf(text: str, tip: str, values: Mapping[str, float]) -> str:
         origin.set("xyz", " ".join(repr(value) for value in pose[:3]))
         origin.set("rpy", " ".join(repr(value) for value in pose[3:]))
     # The serializer would run what stands ahead of the root element together.
-    ahead = re.split(r"<robot[\s>]", text, maxsplit=1)[0]
-    return ahead + str(etree.tostring(document, encoding="unicode")) + "\n"
+    prolog = re.split(r"<robot[\s>]", text, maxsplit=1)[0]
+    return prolog + str(etree.tostring(document, encoding="unicode")) + "\n"
 
 
 def _parsed(text: str) -> urdf.URDF:
@@ -226,6 +239,46 @@ def _chain(robot: urdf.URDF, tip: str) -> list[_Link]:
     return [*out, _Link(None, before, last, owner)]
 
 
+def _frames(links: Sequence[_Link]) -> list[Array]:
+    """For each link a rotation (4, 4): how the rig's frame behind it is turned against the URDF's.
+
+    No ry of a joint, of the tip or of a fixture where the tip is at home is then near a right
+    angle. Only one of a frame's axes can be upright, so that one of three permutations will do.
+    The tip may turn only about its own z, which is the same for every constraint.
+    """
+    end = _NONE
+    for link in links:
+        end = end @ link.transform
+        if link.joint is not None:
+            joint = link.joint
+            end = end @ _moved(_axis(joint), _home(joint), _MOVING[joint.type])
+    last = _ASIDE if _is_steep(end) else _NONE
+    tip = links[-1]
+    out: list[Array] = []
+    previous = _NONE
+    for link in links[:-1]:
+        options = [_NONE, _CYCLED, _CYCLED.T]
+        behind = None
+        if link is links[-2]:
+            if tip.name is None:
+                options = [last, *options]  # without a tip none has to be made
+            else:
+                behind = tip.transform @ last
+        previous = next(
+            frame
+            for frame in options
+            if not _is_steep(previous.T @ link.transform @ frame)
+            and (behind is None or not _is_steep(frame.T @ behind))
+        )
+        out.append(previous)
+    return [*out, last]
+
+
+def _is_steep(transform: Array) -> bool:
+    """Whether ry of a transform (4, 4) is near a right angle: its x axis is upright."""
+    return bool(np.hypot(transform[0, 0], transform[1, 0]) < _STEEP)
+
+
 def _origin(joint: urdf.Joint) -> Array:
     if joint.origin is None:
         return np.eye(4)
@@ -242,7 +295,10 @@ def _axis(joint: urdf.Joint) -> Array:
     return axis / length
 
 
-def _middle(joint: urdf.Joint) -> float:
+def _home(joint: urdf.Joint) -> float:
+    """The middle of the limits, where it has any."""
+    if joint.limit is None or joint.type == "continuous":
+        return 0.0
     return 0.5 * (float(joint.limit.lower) + float(joint.limit.upper))
 
 
@@ -285,13 +341,10 @@ def _uncertain(value: float, width: float) -> str:
 
 def _pose_lines(at: tuple[float, ...], doubts: Doubts, *, known: bool) -> list[str]:
     out = []
-    locked = abs(np.cos(at[4])) < _LOCKED
-    if locked and not known:
-        out.append("# ry is a right angle: turns about x and z are the same here, so rz is held")
     for part, value in zip(POSE, at, strict=True):
         length = part in "xyz"
         width = doubts.length_m if length else doubts.angle_rad
-        held = known or not width > 0 or (locked and part == "rz")
+        held = known or not width > 0
         text = repr(value) if held else _uncertain(value, width)
         out.append(f"{part}_{'m' if length else 'rad'} = {text}")
     return out

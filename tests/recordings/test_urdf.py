@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import recordings
 from recordings.errors import RigError
 from recordings.rig import parameters, parse_rig
 from recordings.urdf import Doubts, calibrated_urdf, rig_from_urdf
+from solver.mechanism.model import model_of
 
 PANDA = (
     Path(recordings.__file__).parent.parent / "benchmarks/data/panda_ball_joint/panda.urdf"
@@ -88,3 +90,101 @@ def test_encoder_offsets_become_part_of_the_origin() -> None:
 def test_what_cannot_be_a_rig_is_told(text: str, tip: str, constraint: str, message: str) -> None:
     with pytest.raises(RigError, match=message):
         rig_from_urdf(text, tip, constraint)
+
+
+RIGHT = np.pi / 2
+
+
+def upright(pitches: tuple[float, ...], tip: float | None) -> str:
+    """An arm of four joints whose origins have these pitches, and a tool at ``tip`` or none."""
+    parts = ['<robot name="steep"><link name="l0"/>']
+    for k, pitch in enumerate(pitches, 1):
+        axis = ("0 0 1", "1 0 0", "0 0.6 0.8", "0 1 0")[k % 4]
+        parts.append(
+            f'<link name="l{k}"/><joint name="j{k}" type="revolute"><parent link="l{k - 1}"/>'
+            f'<child link="l{k}"/><origin xyz="0.1 {0.05 * k} 0.3" rpy="{0.3 * k} {pitch} {-0.2 * k}"/>'
+            f'<axis xyz="{axis}"/><limit lower="-0.4" upper="0.8" effort="1" velocity="1"/></joint>'
+        )
+    last = f"l{len(pitches)}"
+    if tip is not None:
+        parts.append(
+            f'<link name="tool"/><joint name="held" type="fixed"><parent link="{last}"/>'
+            f'<child link="tool"/><origin xyz="0.02 0.03 0.1" rpy="0.1 {tip} 0.4"/></joint>'
+        )
+    return "".join(parts) + "</robot>"
+
+
+def turn(axis: np.ndarray, angle: float) -> np.ndarray:
+    hat = np.cross(np.eye(3), axis)
+    return np.eye(3) + np.sin(angle) * hat + (1 - np.cos(angle)) * hat @ hat
+
+
+def reached(text: str, angles: np.ndarray) -> np.ndarray:
+    """(4, 4), where a URDF of one branch ends, read and multiplied out by itself."""
+    out = np.eye(4)
+    moving = iter(angles)
+    for joint in ElementTree.fromstring(text.encode("utf-8")).findall("joint"):
+        origin = joint.find("origin")
+        assert origin is not None
+        rx, ry, rz = (float(v) for v in origin.attrib["rpy"].split())
+        x, y, z = np.eye(3)
+        step = np.eye(4)
+        step[:3, :3] = turn(z, rz) @ turn(y, ry) @ turn(x, rx)
+        step[:3, 3] = [float(v) for v in origin.attrib["xyz"].split()]
+        out = out @ step
+        axis = joint.find("axis")
+        if axis is not None:
+            step = np.eye(4)
+            step[:3, :3] = turn(
+                np.array([float(v) for v in axis.attrib["xyz"].split()]), next(moving)
+            )
+            out = out @ step
+    return out
+
+
+@pytest.mark.parametrize("tip", [None, RIGHT, -RIGHT, 0.2])
+@pytest.mark.parametrize(
+    "pitches", [(RIGHT, -RIGHT, RIGHT, -RIGHT), (0.1, 0.2, RIGHT, 0.3), (0.2, 0.1, 0.1, -RIGHT)]
+)
+def test_origins_at_right_angles_lose_no_turn(
+    pitches: tuple[float, ...], tip: float | None
+) -> None:
+    text, end = upright(pitches, tip), "l4" if tip is None else "tool"
+    toml = rig_from_urdf(text, end, "rigid", doubts=Doubts(encoder_rad=0.01))
+    rig = parse_rig(toml)
+    model, table = model_of(rig), parameters(rig)
+    index = {p.name: k for k, p in enumerate(table)}
+    for owner in ("j1", "j2", "j3", "j4", "fixture", *(["tip"] if tip is not None else [])):
+        assert abs(np.cos(table[index[f"{owner}.ry"]].nominal)) > 0.09, owner
+        assert all(table[index[f"{owner}.{part}"]].identify for part in ("rx", "ry", "rz")), owner
+    # With errors of every origin and sensor, what is exported moves as the calibrated rig does.
+    rng = np.random.default_rng(1)
+    moved = np.array([0.02 * rng.standard_normal() if p.identify else 0.0 for p in table])
+    x = np.array([p.nominal for p in table]) + moved
+    angles = rng.uniform(-0.4, 0.8, (6, 4))
+    offsets = x[[index[f"q{k}.offset"] for k in range(1, 5)]]
+    written = calibrated_urdf(text, end, dict(zip(index, x.tolist(), strict=True)))
+    ends = model.end_pose(angles + offsets, x, np.eye(len(x)))
+    nominal = model.end_pose(angles, x - moved, np.eye(len(x))[:, :0])
+    aside = np.linalg.inv(reached(text, angles[0])[:3, :3]) @ nominal.rotation[0]
+    assert abs(aside[2, 2]) == pytest.approx(1.0)  # at most turned about the tip's own z
+    for k, row in enumerate(angles):
+        expected = reached(text, row)
+        np.testing.assert_allclose(nominal.position[k], expected[:3, 3], atol=1e-12)
+        np.testing.assert_allclose(nominal.rotation[k], expected[:3, :3] @ aside, atol=1e-12)
+        expected = reached(written, row)
+        np.testing.assert_allclose(ends.position[k], expected[:3, 3], atol=1e-12)
+        np.testing.assert_allclose(ends.rotation[k], expected[:3, :3] @ aside, atol=1e-12)
+    # Small errors of the three angles are every small rotation.
+    for joint in ("j1", "j2", "j3", "j4"):
+        columns = [index[f"{joint}.{part}"] for part in ("rx", "ry", "rz")]
+        rates = ends.by_parameters[0, 3:, columns]
+        assert np.linalg.svd(rates, compute_uv=False)[-1] > 0.05, joint
+
+
+@pytest.mark.parametrize("constraint", ["rigid", "hinge", "slider", "ball", "plane"])
+def test_without_right_angles_frames_are_those_of_the_urdf(constraint: str) -> None:
+    toml = rig_from_urdf(upright((0.1, 0.2, 0.3, 0.4), 0.2), "tool", constraint)
+    assert "permuted" not in toml
+    found = values(toml)
+    assert (found["j2.rx"], found["j2.ry"]) == pytest.approx((0.6, 0.2))
