@@ -17,9 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.reader import Recording
-from recordings.rig import Channel, Rig
+from recordings.rig import Channel, Rig, SerialMechanism
+from solver.approach import approaches
 from solver.dwells import EDGE_S, Track, Window, standstills, without_edges
 from solver.errors import NotEnoughData
+from solver.mechanism.circumstances import Circumstances
 
 Array = NDArray[np.float64]
 
@@ -53,6 +55,8 @@ class PoseTable:
         correlation: (C,) integrated autocorrelation time [samples], 1 for white noise.
         windows: the P dwells.
         rejected: dwells left out.
+        start_ns: when the session began, on the clock of the windows.
+        approach: (P, C) from which side each channel came to rest (`solver.approach`), or None.
     """
 
     channels: tuple[str, ...]
@@ -64,8 +68,26 @@ class PoseTable:
     correlation: Array
     windows: tuple[Window, ...]
     rejected: tuple[Rejected, ...]
+    start_ns: int = 0
+    approach: Array | None = None
 
-    def fixture(self, names: Sequence[str]) -> NDArray[np.intp] | None:
+    def circumstances(self, rig: Rig) -> Circumstances:
+        """Under what the poses were read, loads left open.
+
+        Raises:
+            NotEnoughData: ``rig`` has several fixtures, and a dwell says none of them.
+        """
+        names = rig.mechanism.fixture_names if isinstance(rig.mechanism, SerialMechanism) else ()
+        middle = np.array([0.5 * (w.start_ns + w.end_ns) for w in self.windows])
+        return Circumstances(
+            fixture=self._fixture(names),
+            time_s=(middle - self.start_ns) * 1e-9,
+            approach=self.approach,
+            rate=np.zeros(self.counts.shape),
+            noise=np.tile(self.noise, (len(self.counts), 1)),
+        )
+
+    def _fixture(self, names: Sequence[str]) -> NDArray[np.intp] | None:
         """(P,) which of the fixtures ``names`` held each pose; None where the rig has one at most.
 
         Raises:
@@ -128,11 +150,13 @@ def average(recording: Recording, *, shortest_s: float | None = None) -> PoseTab
         )
     fullest = max(len(_inside(track, window)) for window in windows for track in tracks.values())
     if fullest < _FEWEST_SAMPLES:
-        return _believed(rig, tracks, windows)
-    return _table(tracks, windows)
+        return _believed(rig, tracks, windows, recording.session.start_ns)
+    return _table(tracks, windows, recording.session.start_ns)
 
 
-def _believed(rig: Rig, tracks: Mapping[str, Track], windows: tuple[Window, ...]) -> PoseTable:
+def _believed(
+    rig: Rig, tracks: Mapping[str, Track], windows: tuple[Window, ...], start_ns: int
+) -> PoseTable:
     """Dwells of a few readings each, with the noise that the rig states."""
     noise = np.array([channel.noise for channel in rig.channels])
     silent = [channel.name for channel in rig.channels if not channel.noise > 0]
@@ -162,10 +186,11 @@ def _believed(rig: Rig, tracks: Mapping[str, Track], windows: tuple[Window, ...]
             for w, window in enumerate(windows)
             if w not in whole
         ),
+        start_ns=start_ns,
     )
 
 
-def _table(tracks: Mapping[str, Track], windows: tuple[Window, ...]) -> PoseTable:
+def _table(tracks: Mapping[str, Track], windows: tuple[Window, ...], start_ns: int) -> PoseTable:
     names = tuple(tracks)
     pieces = [[_inside(tracks[name], window) for name in names] for window in windows]
     rejected: list[Rejected] = []
@@ -215,6 +240,8 @@ def _table(tracks: Mapping[str, Track], windows: tuple[Window, ...]) -> PoseTabl
         correlation=correlation,
         windows=tuple(windows[w] for w in kept),
         rejected=tuple(rejected),
+        start_ns=start_ns,
+        approach=approaches(tracks, windows, noise)[kept],
     )
 
 

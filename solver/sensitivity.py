@@ -86,7 +86,7 @@ def sensitivity(
     """
     if isinstance(model, Tracked):
         own = model.own
-        seen = Observations(observed.counts[:, own], observed.sigma[:, own], observed.fixture)
+        seen = Observations(observed.counts[:, own], observed.sigma[:, own], observed.at)
         return sensitivity(model.inner, space, at, seen, coordinates)
     rates = _end_rates(model, space, at, observed, coordinates)
     steps = tuple(step_of(space.table[i], float(at[i])) for i in space.identified)

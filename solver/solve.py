@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.reader import Recording
-from recordings.rig import Rig, SerialMechanism, parameters
+from recordings.rig import Rig, parameters
 from solver.closure import ClosureErrors, closure_errors
 from solver.diagnosis import Finding, diagnose, still_channels
 from solver.errors import MechanismError, MethodError, NotEnoughData
@@ -141,7 +141,7 @@ def solve_table(
         raise NotEnoughData(
             f"rig '{rig.name}' identifies nothing; set identify = true on the parameters to estimate"
         )
-    observed = Observations(table.counts, table.sigma, table.fixture(_fixtures(rig)))
+    observed = Observations(table.counts, table.sigma, table.circumstances(rig))
     if len(still_channels(table)) == len(table.channels):
         raise NotEnoughData(
             f"all {len(table.counts)} dwells are at one and the same pose: no channel moved between them. "
@@ -237,10 +237,6 @@ def _priors_complete(model: Model, space: ParameterSpace, settled: Settled, at: 
         undetermined(space, data)[0].shape[1]
         and not undetermined(space, np.vstack([data, believed]))[0].shape[1]
     )
-
-
-def _fixtures(rig: Rig) -> tuple[str, ...]:
-    return rig.mechanism.fixture_names if isinstance(rig.mechanism, SerialMechanism) else ()
 
 
 def _shown(space: ParameterSpace, settled: Settled) -> Array:

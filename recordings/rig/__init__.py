@@ -8,6 +8,7 @@ from recordings.rig.mechanism import (
     Distance,
     Fixture,
     Joint,
+    Leg,
     PlatformMechanism,
     SerialMechanism,
 )
@@ -27,6 +28,7 @@ __all__ = [
     "Distance",
     "Fixture",
     "Joint",
+    "Leg",
     "Marker",
     "Parameter",
     "Plan",

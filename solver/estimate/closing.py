@@ -162,7 +162,7 @@ def _nearest_start(model: SerialModel, observed: Observations, parameters: Array
         starts.reshape(-1, starts.shape[2]),
         parameters,
         nowhere,
-        None if observed.fixture is None else np.tile(observed.fixture, len(starts)),
+        None if observed.at is None else observed.at.repeated(len(starts)),
     )
     errors = np.sum(at.closure**2, axis=1).reshape(starts.shape[:2])
     order, every = np.argsort(errors, axis=0), np.arange(len(observed.counts))
@@ -173,7 +173,7 @@ def _nearest_start(model: SerialModel, observed: Observations, parameters: Array
     least = np.full(len(every), np.inf)
     for choice in order[:_TRIED]:
         u = _nearest_closing(model, observed, parameters, starts[choice, every])
-        closure = model.linearise(u, parameters, nowhere, observed.fixture).closure
+        closure = model.linearise(u, parameters, nowhere, observed.at).closure
         error = np.sum(closure**2, axis=1)
         better = error < 0.5 * least
         best[better], least[better] = u[better], error[better]
@@ -191,7 +191,7 @@ def _evaluation(
     """Closure errors with the unsensed coordinates eliminated, and their derivative."""
     unsensed = model.unsensed
     u = _nearest_closing(model, observed, parameters, u)
-    at = model.linearise(u, parameters, space.expansion, observed.fixture)
+    at = model.linearise(u, parameters, space.expansion, observed.at)
     jacobian = at.closure_by_parameters + at.closure_by_coordinates[:, :, model.sensed] @ (
         model.sensing.by_parameters(observed.counts, space.expansion)
     )
@@ -212,7 +212,7 @@ def _nearest_closing(
     u, unsensed = u.copy(), model.unsensed
     nowhere = np.zeros((len(parameters), 0))
     for _ in range(_INNER if len(unsensed) else 0):
-        at = model.linearise(u, parameters, nowhere, observed.fixture)
+        at = model.linearise(u, parameters, nowhere, observed.at)
         step = _least_squares(at.closure_by_coordinates[:, :, unsensed], -at.closure[:, :, None])
         u[:, unsensed] += np.clip(step[:, :, 0], -0.5, 0.5)
         if np.abs(step).max() < _AT_REST:

@@ -37,9 +37,7 @@ def located(model: Model, space: ParameterSpace, observed: Observations, start: 
     x = start.copy()
     free = np.zeros(len(x), dtype=bool)
     free[space.identified] = True
-    inside = Observations(
-        observed.counts[:, model.own], observed.sigma[:, model.own], observed.fixture
-    )
+    inside = Observations(observed.counts[:, model.own], observed.sigma[:, model.own], observed.at)
     coordinates = assemble(model.inner, inside, x)
     end = model.end_pose(coordinates, x, np.zeros((len(x), 0)))
     for stand in np.unique(model.tracker, axis=0):

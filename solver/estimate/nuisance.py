@@ -19,6 +19,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.mechanism.circumstances import Circumstances
 from solver.mechanism.model import Linearised, Model
 
 Array = NDArray[np.float64]
@@ -43,17 +44,17 @@ class Observations:
     Attributes:
         counts: (P, C) [counts], averaged readings.
         sigma: (P, C) [counts], their standard deviations.
-        fixture: (P,) which of the rig's fixtures held each pose; None where there is one at most.
+        at: (P,) under what circumstances they were measured; None where it does not matter.
     """
 
     counts: Array
     sigma: Array
-    fixture: NDArray[np.intp] | None = None
+    at: Circumstances | None = None
 
     def take(self, poses: NDArray[np.intp]) -> Observations:
         """The observations of some poses."""
-        fixture = None if self.fixture is None else self.fixture[poses]
-        return Observations(self.counts[poses], self.sigma[poses], fixture)
+        at = None if self.at is None else self.at.take(poses)
+        return Observations(self.counts[poses], self.sigma[poses], at)
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +146,7 @@ def _settle(
     moving = np.arange(poses)
     for _ in range(iterations):
         here = observed.take(moving)
-        at = model.linearise(u[moving], parameters, nowhere, here.fixture)
+        at = model.linearise(u[moving], parameters, nowhere, here.at)
         kkt, target, scale = _kkt(at, here)
         misread = np.abs((here.counts - at.readings) / here.sigma).max(axis=1)
         sensed = np.arange(size)
@@ -167,9 +168,7 @@ def _settle(
             break
     if len(moving):
         u[moving] = _closed(model, observed.take(moving), u[moving], parameters, nowhere)
-    return _settled(
-        model.linearise(u, parameters, expansion, observed.fixture), observed, u, at_rest
-    )
+    return _settled(model.linearise(u, parameters, expansion, observed.at), observed, u, at_rest)
 
 
 def _closed(
@@ -177,9 +176,7 @@ def _closed(
 ) -> Array:
     """``u`` moved as little as possible onto the closure."""
     for _ in range(4):
-        kkt, target, scale = _kkt(
-            model.linearise(u, parameters, nowhere, observed.fixture), observed
-        )
+        kkt, target, scale = _kkt(model.linearise(u, parameters, nowhere, observed.at), observed)
         size = u.shape[1]
         target[:, :size] = 0.0
         u = u + np.linalg.solve(kkt, target[:, :, None])[:, :size, 0] * scale
@@ -257,7 +254,7 @@ def assemble(model: Model, observed: Observations, parameters: Array) -> Array:
     starts = model.starts(observed.counts, parameters)
     scores = np.empty(starts.shape[:2])
     for s, start in enumerate(starts):
-        at = model.linearise(start, parameters, nowhere, observed.fixture)
+        at = model.linearise(start, parameters, nowhere, observed.at)
         closes = at.closure.shape[1] > 0
         scores[s] = np.sum(at.closure**2, axis=1) if closes else s
     outlying = _OUTLYING if closes else _ASTRAY

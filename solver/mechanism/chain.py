@@ -76,7 +76,7 @@ class Chain:
 
         Args:
             coordinates: (P, U) [rad or m], each pose's joint coordinates.
-            parameters: (N,) [rad or m].
+            parameters: (N,) [rad or m], or (P, N) where some differ from pose to pose.
             wanted: motions whose screws are needed, ascending; all of them by default.
         """
         poses = len(coordinates)
@@ -87,16 +87,23 @@ class Chain:
         columns = [np.repeat(unit[:, None], poses, axis=1) for unit in np.eye(3)]
         position = np.zeros((3, poses))
         sizes = np.ascontiguousarray(coordinates.T)
+        first = parameters if parameters.ndim == 1 else parameters[0]
+        varying = set(
+            np.flatnonzero((parameters != first).any(axis=0)) if first is not parameters else ()
+        )
         axes = np.empty((len(place), 3, poses))
         origins = np.empty((len(place), 3, poses))
         for m, motion in enumerate(self.motions):
             axis = columns[motion.axis]
             if m in place:
                 axes[place[m]], origins[place[m]] = axis, position
-            fixed = motion.constant
-            if motion.parameter >= 0:
-                fixed += motion.sign * float(parameters[motion.parameter])
-            if motion.coordinate < 0 and fixed == 0.0:
+            fixed: float | Array = motion.constant
+            if motion.parameter in varying:
+                fixed = fixed + motion.sign * parameters[:, motion.parameter]
+            elif motion.parameter >= 0:
+                fixed += motion.sign * float(first[motion.parameter])
+            same = isinstance(fixed, float)
+            if motion.coordinate < 0 and same and fixed == 0.0:
                 continue
             if motion.kind == "shift":
                 size = (
@@ -107,10 +114,16 @@ class Chain:
                 position = position + axis * size
             else:
                 second, third = (motion.axis + 1) % 3, (motion.axis + 2) % 3
-                if motion.coordinate < 0:
+                cos: float | Array
+                sin: float | Array
+                if motion.coordinate < 0 and isinstance(fixed, float):
                     cos, sin = math.cos(fixed), math.sin(fixed)
                 else:
-                    angle = fixed + motion.sign * sizes[motion.coordinate]
+                    angle = (
+                        fixed
+                        if motion.coordinate < 0
+                        else fixed + motion.sign * sizes[motion.coordinate]
+                    )
                     cos, sin = np.cos(angle), np.sin(angle)
                 columns[second], columns[third] = (
                     columns[second] * cos + columns[third] * sin,

@@ -12,7 +12,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.rig import Rig, SerialMechanism, parameters
+from recordings.rig import Parameter, Rig, SerialMechanism, parameters
+from solver.mechanism.circumstances import Circumstances
 
 Array = NDArray[np.float64]
 
@@ -75,15 +76,15 @@ class Model(Protocol):
         coordinates: Array,
         parameters: Array,
         directions: Array,
-        fixture: NDArray[np.intp] | None = None,
+        at: Circumstances | None = None,
     ) -> Linearised:
         """Predictions and derivatives.
 
         Args:
             coordinates: (P, U).
-            parameters: (N,).
+            parameters: (N,), or (P, N) where geometry differs from pose to pose.
             directions: (N, n), the directions in parameter space to differentiate along.
-            fixture: (P,) which of the rig's fixtures each pose was held in; by default the first.
+            at: the circumstances of the poses; by default all in the first fixture.
         """
         ...
 
@@ -105,12 +106,53 @@ class Model(Protocol):
 
 
 def model_of(rig: Rig) -> Model:
-    """The model of ``rig``'s mechanism and channels; raises MechanismError."""
+    """The model of ``rig``'s mechanism, channels and effects; raises MechanismError."""
+    if not rig.effects:
+        return mechanism_model(rig, parameters(rig))
+    from solver.effects.grown import grown_model
+
+    return grown_model(rig)
+
+
+def mechanism_model(rig: Rig, table: tuple[Parameter, ...], *, imperfect: bool = False) -> Model:
+    """The model of ``rig``'s mechanism and straight sensors, whatever effects it describes.
+
+    Args:
+        rig: as described.
+        table: its parameters.
+        imperfect: whether parameter vectors go on, behind ``table``, with `imperfections`.
+
+    Raises:
+        MechanismError: a mechanism that no model fits.
+    """
     from solver.mechanism.platform import PlatformModel
     from solver.mechanism.serial import SerialModel
     from solver.mechanism.tracker import Tracked, without_trackers
 
-    table, inside = parameters(rig), without_trackers(rig)
+    inside = without_trackers(rig)
     serial = isinstance(rig.mechanism, SerialMechanism)
-    inner = SerialModel.of(inside, table) if serial else PlatformModel.of(inside, table)
+    inner = (
+        SerialModel.of(inside, table, imperfect=imperfect)
+        if serial
+        else PlatformModel.of(inside, table, imperfect=imperfect)
+    )
     return Tracked.of(rig, inner, table) if rig.trackers else inner
+
+
+def imperfections(rig: Rig) -> tuple[str, ...]:
+    """Names of what is zero in every rig description, and what only effects move.
+
+    ``mount.x`` ... ``mount.rz``: displacement of the fixture, in its own frame, in the order of
+    the transform Tx Ty Tz Rz Ry Rx; of a rig without fixtures, displacement of all that lies
+    before its base frame, in the base frame; of a platform, of its plate (``x``, ``y``, ``z``).
+    ``leg1.base.x``, ``leg1.plate.x`` ...: displacement of one leg's end from the point it shares.
+    """
+    if isinstance(rig.mechanism, SerialMechanism):
+        return tuple(f"mount.{part}" for part in ("x", "y", "z", "rx", "ry", "rz"))
+    ends = tuple(
+        f"{leg.name}.{end}.{axis}"
+        for leg in rig.mechanism.legs
+        for end in ("base", "plate")
+        for axis in "xyz"
+    )
+    return ("mount.x", "mount.y", "mount.z", *ends)

@@ -9,14 +9,16 @@ where its search starts (`starts`, and neighbouring poses in `estimate.nuisance`
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.rig import Parameter, PlatformMechanism, Rig, parameters
+from recordings.rig import Leg, Parameter, PlatformMechanism, Rig, parameters
 from solver.errors import MechanismError
-from solver.mechanism.model import EndPose, Linearised
+from solver.mechanism.circumstances import Circumstances
+from solver.mechanism.model import EndPose, Linearised, imperfections
 from solver.mechanism.rotation import exponential, left_jacobian, skew
 from solver.mechanism.sensing import Sensing
 
@@ -25,6 +27,26 @@ Array = NDArray[np.float64]
 _FOLLOWING_STEPS = 10  # from the neutral pose to a reading, so that no step leaves the branch
 _CORRECTIONS = 3
 _DAMPING = 1e-3  # of each correction, so that a pose near a singular one does not jump
+
+
+@dataclass(frozen=True, slots=True)
+class _Imperfections:
+    """Indices of displacements: (3,) of the plate's pivot, (C, 3) of each leg's two ends."""
+
+    mount: NDArray[np.intp]
+    base: NDArray[np.intp]
+    plate: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, rig: Rig, behind: int, legs: Sequence[Leg]) -> _Imperfections:
+        """Those that stand ``behind`` parameters, for the legs of the channels."""
+        index = {name: behind + i for i, name in enumerate(imperfections(rig))}
+        ends = [
+            [[index[f"{leg.name}.{end}.{axis}"] for axis in "xyz"] for leg in legs]
+            for end in ("base", "plate")
+        ]
+        mount = np.array([index[f"mount.{axis}"] for axis in "xyz"], dtype=np.intp)
+        return cls(mount, np.array(ends[0], dtype=np.intp), np.array(ends[1], dtype=np.intp))
 
 
 @dataclass(frozen=True)
@@ -40,6 +62,7 @@ class PlatformModel:
         neutral_rotation: (3, 3), base from plate.
         neutral_position: (3,) [m].
         from_neutral: whether channels sense a leg's length minus its length at the neutral pose.
+        imperfect: where parameter vectors have displacements that only effects move, or None.
     """
 
     sensing: Sensing
@@ -50,10 +73,13 @@ class PlatformModel:
     neutral_rotation: Array
     neutral_position: Array
     from_neutral: bool
+    imperfect: _Imperfections | None = None
 
     @classmethod
-    def of(cls, rig: Rig, table: tuple[Parameter, ...] | None = None) -> PlatformModel:
-        """The model of a platform rig.
+    def of(
+        cls, rig: Rig, table: tuple[Parameter, ...] | None = None, *, imperfect: bool = False
+    ) -> PlatformModel:
+        """The model of a platform rig; ``imperfect``: its parameters go on with `imperfections`.
 
         Raises:
             MechanismError: the rig is not a platform.
@@ -83,6 +109,7 @@ class PlatformModel:
             turn[2] @ turn[1] @ turn[0] if turns else np.eye(3),
             np.array([neutral.x, neutral.y, neutral.z]) * shifts,
             mechanism.leg_readings == "change",
+            _Imperfections.of(rig, len(table), ends) if imperfect else None,
         )
 
     @property
@@ -111,11 +138,12 @@ class PlatformModel:
         coordinates: Array,
         parameters: Array,
         directions: Array,
-        fixture: NDArray[np.intp] | None = None,
+        at: Circumstances | None = None,
     ) -> Linearised:
         """Predictions and derivatives at ``coordinates`` (P, U) and ``parameters`` (N,), along (N, n).
 
-        A platform has no fixtures: ``fixture`` says nothing here.
+        Circumstances say nothing here: a platform has no fixtures. Where parameters are (P, N),
+        geometry differs from pose to pose.
         """
         poses, size = coordinates.shape
         rotation, position = self.plate_pose(coordinates)
@@ -135,8 +163,8 @@ class PlatformModel:
         return Linearised(
             counts,
             np.zeros((poses, 0)),
-            by_coordinates * slope[:, None],
-            by_parameters + by_length * slope[:, None],
+            by_coordinates * slope[..., None],
+            by_parameters + by_length * slope[..., None],
             np.zeros((poses, 0, size)),
             np.zeros((poses, 0, directions.shape[1])),
         )
@@ -146,12 +174,21 @@ class PlatformModel:
     ) -> tuple[Array, Array, Array, Array]:
         """Plate points turned into the base and unit vectors along the legs, (P, C, 3); lengths
         (P, C) [m] and their derivatives (P, C, n) at fixed plate poses."""
-        arm = parameters[self.plate] @ np.swapaxes(rotation, 1, 2)
-        leg = position[:, None] + arm - parameters[self.base]
+        plate, base = parameters[..., self.plate], parameters[..., self.base]
+        plates, bases = directions[self.plate], directions[self.base]
+        if self.imperfect is not None:
+            # To shift the plate is to shift all base points the other way.
+            more = self.imperfect
+            plate = plate + parameters[..., more.plate]
+            base = base + parameters[..., more.base] - parameters[..., None, more.mount]
+            plates = plates + directions[more.plate]
+            bases = bases + directions[more.base] - directions[more.mount]
+        arm = plate @ np.swapaxes(rotation, 1, 2)
+        leg = position[:, None] + arm - base
         length = np.linalg.norm(leg, axis=2)
         along = leg / length[:, :, None]
-        by_length = np.einsum("pck,ckn->pcn", along @ rotation, directions[self.plate])
-        by_length -= np.einsum("pck,ckn->pcn", along, directions[self.base])
+        by_length = np.einsum("pck,ckn->pcn", along @ rotation, plates)
+        by_length -= np.einsum("pck,ckn->pcn", along, bases)
         return arm, along, length, by_length
 
     def pseudo_observations(self, parameters: Array, directions: Array) -> tuple[Array, Array]:

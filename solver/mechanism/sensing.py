@@ -51,7 +51,7 @@ class Sensing:
 
     def values(self, counts: Array, parameters: Array) -> Array:
         """(P, C) true coordinates [rad or m] that would give ``counts`` (P, C)."""
-        return parameters[self.gain] * (counts - self.zero) + parameters[self.offset]
+        return parameters[..., self.gain] * (counts - self.zero) + parameters[..., self.offset]
 
     def by_parameters(self, counts: Array, directions: Array) -> Array:
         """(P, C, n) derivative of `values` along ``directions`` (N, n), at fixed counts (P, C)."""
@@ -64,16 +64,17 @@ class Sensing:
 
         Args:
             values: (P, C) [rad or m].
-            parameters: (N,).
+            parameters: (N,) or (P, N).
             directions: (N, n).
 
         Returns:
-            (P, C) counts, (C,) d counts / d value, (P, C, n) d counts / d directions.
+            (P, C) counts, (C,) or (P, C) d counts / d value, (P, C, n) d counts / d directions.
         """
-        gain = parameters[self.gain]
-        scaled = (values - parameters[self.offset]) / gain
+        gain = parameters[..., self.gain]
+        scaled = (values - parameters[..., self.offset]) / gain
         slope = 1.0 / gain
         by_parameters = (
-            -(directions[self.offset] + scaled[:, :, None] * directions[self.gain]) * slope[:, None]
+            -(directions[self.offset] + scaled[:, :, None] * directions[self.gain])
+            * slope[..., None]
         )
         return self.zero + scaled, slope, by_parameters

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from recordings.rig import FREEDOMS, POSE, Parameter, Rig, SerialMechanism, parameters
 from solver.errors import MechanismError
 from solver.mechanism.chain import Chain, Motion
+from solver.mechanism.circumstances import Circumstances
 from solver.mechanism.distances import KnownDistances
 from solver.mechanism.links import inverse, joint_motions, pose_motions
-from solver.mechanism.model import EndPose, Linearised
+from solver.mechanism.model import EndPose, Linearised, imperfections
 from solver.mechanism.rotation import log_rate, logarithm
 from solver.mechanism.sensing import Sensing
 
@@ -53,12 +54,20 @@ class _Loop:
 def _loop(
     mechanism: SerialMechanism, index: Mapping[str, int], fixture: str | None, turned: bool
 ) -> _Loop:
-    """The loop through ``fixture``, or from the end back to the start; ``turned``: all turns are free."""
+    """The loop through ``fixture``, or from the end back to the start; ``turned``: all turns are free.
+
+    Where ``index`` has the mount's imperfections, the fixture can be displaced.
+    """
+    mount = pose_motions("mount", index) if "mount.x" in index else []
     motions: list[Motion] = []
     base = 0
+    if mechanism.base is None and fixture is None:
+        motions += inverse(mount)
+        base = len(motions)
     for u, joint in enumerate(mechanism.joints):
         motions += joint_motions(joint, index, u)
         if joint.name == mechanism.base:
+            motions += inverse(mount) if fixture is None else []
             base = len(motions)
     if mechanism.tip is not None:
         motions += pose_motions("tip", index)
@@ -77,7 +86,7 @@ def _loop(
     ]
     if fixture is None:
         return _Loop((*motions, *shifts, *turns), base, end, tuple(free))
-    before = inverse(shifts) + inverse(pose_motions(fixture, index))
+    before = inverse(shifts) + inverse(mount) + inverse(pose_motions(fixture, index))
     around = (*before, *motions, *inverse(turns))
     return _Loop(around, len(before) + base, len(before) + end, tuple(free))
 
@@ -117,8 +126,10 @@ class SerialModel:
     elsewhere: tuple[SerialModel, ...] = ()
 
     @classmethod
-    def of(cls, rig: Rig, table: tuple[Parameter, ...] | None = None) -> SerialModel:
-        """The model of a serial rig.
+    def of(
+        cls, rig: Rig, table: tuple[Parameter, ...] | None = None, *, imperfect: bool = False
+    ) -> SerialModel:
+        """The model of a serial rig; ``imperfect``: its parameters go on with `imperfections`.
 
         Raises:
             MechanismError: the rig is not serial.
@@ -129,7 +140,8 @@ class SerialModel:
                 f"rig '{rig.name}' is a {rig.mechanism.family}, expected a serial mechanism"
             )
         table = parameters(rig) if table is None else table
-        index = {parameter.name: i for i, parameter in enumerate(table)}
+        more = imperfections(rig) if imperfect else ()
+        index = {name: i for i, name in enumerate([*(p.name for p in table), *more])}
         turned = mechanism.closure.freedoms >= set(_ROTATIONS)
         rows = [0, 1, 2] if turned else list(range(6))
         loops = [
@@ -177,12 +189,14 @@ class SerialModel:
         coordinates: Array,
         parameters: Array,
         directions: Array,
-        fixture: NDArray[np.intp] | None = None,
+        at: Circumstances | None = None,
     ) -> Linearised:
         """Predictions and derivatives at ``coordinates`` (P, U) and ``parameters`` (N,), along (N, n).
 
-        ``fixture`` (P,) says in which fixture each pose was held; by default in the first.
+        ``at`` says in which fixture each pose was held; by default in the first. Where
+        parameters are (P, N), geometry differs from pose to pose.
         """
+        fixture = None if at is None else at.fixture
         if fixture is not None and fixture.any():
             return self._linearise_in_each(coordinates, parameters, directions, fixture)
         poses, count = coordinates.shape
@@ -214,7 +228,11 @@ class SerialModel:
         """`linearise` of the poses of each fixture, put together again."""
         poses = [np.flatnonzero(fixture == k) for k in range(1 + len(self.elsewhere))]
         parts = [
-            model.linearise(coordinates[rows], parameters, directions)
+            model.linearise(
+                coordinates[rows],
+                parameters if parameters.ndim == 1 else parameters[rows],
+                directions,
+            )
             for model, rows in zip((self, *self.elsewhere), poses, strict=True)
         ]
         order = np.argsort(np.concatenate(poses), kind="stable")

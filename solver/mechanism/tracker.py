@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.rig import Parameter, Rig, parameters
+from solver.mechanism.circumstances import Circumstances
 from solver.mechanism.model import EndPose, Linearised, Model
 from solver.mechanism.rotation import exponential, left_jacobian
 from solver.mechanism.sensing import Sensing
@@ -85,11 +86,15 @@ class Tracked:
         coordinates: Array,
         parameters: Array,
         directions: Array,
-        fixture: NDArray[np.intp] | None = None,
+        at: Circumstances | None = None,
     ) -> Linearised:
-        """Predictions and derivatives at ``coordinates`` (P, U) and ``parameters`` (N,), along (N, n)."""
-        inside = self.inner.linearise(coordinates, parameters, directions, fixture)
+        """Predictions and derivatives at ``coordinates`` (P, U) and ``parameters`` (N,), along (N, n).
+
+        Where parameters are (P, N), the mechanism's geometry differs from pose to pose; trackers stay.
+        """
+        inside = self.inner.linearise(coordinates, parameters, directions, at)
         end = self.inner.end_pose(coordinates, parameters, directions)
+        parameters = parameters if parameters.ndim == 1 else parameters[0]
         vector = parameters[self.tracker[:, 3:]]
         view = exponential(vector)[np.arange(len(self.axis)), :, self.axis]  # (T, 3) sensed axes
         arm = parameters[self.marker] @ np.swapaxes(end.rotation, 1, 2)  # (P, T, 3)

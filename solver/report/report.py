@@ -17,7 +17,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from numpy.typing import NDArray
 
 from recordings.reader import Recording
-from recordings.rig import Rig, SerialMechanism
+from recordings.rig import Rig
 from recordings.session import SOFTWARE, to_metadata
 from solver.errors import SolverError
 from solver.estimate.nuisance import Observations
@@ -131,8 +131,6 @@ def render(
 def _sensitivity(solution: Solution) -> tuple[Sensitivity, NDArray[np.float64]]:
     """Of the endpoint or plate to what the rig identifies or doubts, with the standard errors reached."""
     estimate, used, table = solution.estimate, solution.selection.poses, solution.table
-    mechanism = solution.rig.mechanism
-    fixtures = mechanism.fixture_names if isinstance(mechanism, SerialMechanism) else ()
     reached = dict(zip(estimate.space.names, np.sqrt(np.diag(estimate.covariance)), strict=True))
     names = [
         p.name
@@ -143,7 +141,7 @@ def _sensitivity(solution: Solution) -> tuple[Sensitivity, NDArray[np.float64]]:
         solution.model,
         ParameterSpace.of(estimate.space.table, names),
         estimate.parameters,
-        Observations(table.counts, table.sigma, table.fixture(fixtures)).take(used),
+        Observations(table.counts, table.sigma, table.circumstances(solution.rig)).take(used),
         solution.after.coordinates[used],
     )
     return found, np.array([reached.get(name, np.nan) for name in names])

@@ -1,0 +1,1 @@
+"""Effects beyond the plain mechanism and straight sensors, and the model that they grow."""

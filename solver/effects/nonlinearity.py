@@ -1,0 +1,75 @@
+"""``nonlinearity``: a channel departs smoothly from a straight line, as RVDTs and LVDTs do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Self
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from recordings.rig import DescribedEffect, Quantity
+from solver.effects.effect import Array, Coefficient, Effect, Recorded, Shift, Site
+from solver.mechanism.circumstances import Circumstances
+
+_DEGREES = (2, 3, 4, 5, 6)
+_PLAUSIBLE = 0.01  # of the range used
+_MARGIN = 0.02  # of the range used, beyond it on both sides
+
+
+class Nonlinearity(Effect):
+    """delta = sum p_n P_n(x), n = 2 ... 6, Legendre polynomials over [low, high].
+
+    Orders 0 and 1 are the channel's offset and gain, and are left to them. A transducer bends
+    gently: higher orders are expected to be smaller, which the plausible sizes say.
+    """
+
+    name = "nonlinearity"
+
+    def __init__(self, site: Site, where: str, low: float, high: float) -> None:
+        super().__init__(site, where)
+        self._channel = np.array([site.channel(where)], dtype=np.intp)
+        self._low, self._high = low, high
+
+    @classmethod
+    def places(cls, site: Site) -> tuple[str, ...]:
+        return tuple(site.spans)
+
+    @classmethod
+    def variants(cls, site: Site, where: str, recorded: Recorded) -> tuple[Self, ...]:
+        used = recorded.values[:, site.channel(where)]
+        low, high = float(used.min()), float(used.max())
+        margin = _MARGIN * (high - low)
+        return (cls(site, where, low - margin, high + margin),) if high > low else ()
+
+    @classmethod
+    def read(cls, site: Site, described: DescribedEffect) -> Self:
+        cls.checked(site, described)
+        low, high = (described.values.get(end, Quantity()).nominal for end in ("low", "high"))
+        return cls(site, described.where, low, high).fitting(described)
+
+    @property
+    def coefficients(self) -> tuple[Coefficient, ...]:
+        dimension, wide = self.site.dimension(self.where), self._high - self._low
+        return tuple(Coefficient(f"p{n}", dimension, _PLAUSIBLE * wide * 2.0 / n) for n in _DEGREES)
+
+    @property
+    def settings(self) -> Mapping[str, Quantity]:
+        dimension = self.site.dimension(self.where)
+        return {"low": Quantity(self._low, dimension), "high": Quantity(self._high, dimension)}
+
+    def seen(self, values: Array, coefficients: Array, at: Circumstances) -> Shift | None:
+        scale = 2.0 / (self._high - self._low)
+        x = scale * (values[:, self._channel[0]] - self._low) - 1.0
+        shapes = np.asarray(legendre.legvander(x, _DEGREES[-1])[:, _DEGREES[0] :], dtype=np.float64)
+        series = np.concatenate([np.zeros(_DEGREES[0]), coefficients])
+        by_values = np.zeros((len(values), 1, values.shape[1]))
+        by_values[:, 0, self._channel[0]] = scale * legendre.legval(x, legendre.legder(series))
+        return Shift(self._channel, (shapes @ coefficients)[:, None], shapes[:, None, :], by_values)
+
+    def size(self, coefficients: Array, values: Array, at: Circumstances) -> float:
+        shift = self.seen(values, coefficients, at)
+        assert shift is not None
+        used = values[:, self._channel[0]]
+        line = np.polynomial.Polynomial.fit(used, shift.amount[:, 0], 1)
+        return float(np.sqrt(np.mean((shift.amount[:, 0] - line(used)) ** 2)))
