@@ -216,29 +216,44 @@ def _scaled_closure(at: Linearised, scale: Array) -> tuple[Array, Array]:
 def _settled(
     at: Linearised, observed: Observations, u: Array, at_rest: NDArray[np.bool_]
 ) -> Settled:
-    kkt, _, scale = _kkt(at, observed)
-    size = u.shape[1]
-    H = at.readings_by_coordinates / observed.sigma[:, :, None]
-    Hx = at.readings_by_parameters / observed.sigma[:, :, None]
-    _, rows = _scaled_closure(at, scale)
-    pull = np.concatenate(
-        [
-            -np.swapaxes(H * scale[:, None, :], 1, 2) @ Hx,
-            -at.closure_by_parameters * rows[:, :, None],
-        ],
-        axis=1,
+    jacobian, following = eliminated(
+        at, observed, at.readings_by_parameters, at.closure_by_parameters
     )
-    following = np.linalg.solve(kkt, pull)[:, :size] * scale[:, :, None]
     error = np.abs(at.closure).max(axis=1, initial=0.0)
     return Settled(
         coordinates=u,
         residual=(observed.counts - at.readings) / observed.sigma,
-        jacobian=-Hx - H @ following,
+        jacobian=jacobian,
         following=following,
         at_rest=at_rest,
         closed=error < 1e-8,
         closure_m_rad=error,
     )
+
+
+def eliminated(
+    at: Linearised, observed: Observations, by_readings: Array, by_closure: Array
+) -> tuple[Array, Array]:
+    """What changes of the model do to settled poses, whose coordinates follow.
+
+    Args:
+        at: the model at the settled poses.
+        observed: P poses.
+        by_readings: (P, C, m) change of predicted readings [counts] along m directions.
+        by_closure: (P, K, m) change of the closure.
+
+    Returns:
+        (P, C, m) change of the whitened residual, and (P, U, m) of the coordinates.
+    """
+    kkt, _, scale = _kkt(at, observed)
+    H = at.readings_by_coordinates / observed.sigma[:, :, None]
+    Hx = by_readings / observed.sigma[:, :, None]
+    _, rows = _scaled_closure(at, scale)
+    pull = np.concatenate(
+        [-np.swapaxes(H * scale[:, None, :], 1, 2) @ Hx, -by_closure * rows[:, :, None]], axis=1
+    )
+    following = np.linalg.solve(kkt, pull)[:, : H.shape[2]] * scale[:, :, None]
+    return -Hx - H @ following, following
 
 
 def assemble(model: Model, observed: Observations, parameters: Array) -> Array:

@@ -15,6 +15,7 @@ from sim_devices.plant.chain import chain_geometry
 from sim_devices.plant.loop import Loop
 from sim_devices.truth import draw_truth
 from solver.dwells import Window
+from solver.mechanism.circumstances import Circumstances
 from solver.mechanism.model import model_of
 from solver.samples import PoseTable
 from solver.solve import Solution, solve_table
@@ -188,7 +189,7 @@ def test_derivatives_of_every_convention_match_finite_differences() -> None:
     x = np.array([p.nominal for p in parameters(rig)])
     x = x + 0.02 * rng.standard_normal(len(x)) * (x != 1e-6)
     u = np.array([[*HOMES, 0.1]]) + 0.1 * rng.standard_normal((4, 8))
-    fixture = np.array([0, 1, 1, 0])
+    fixture = Circumstances(fixture=np.array([0, 1, 1, 0]))
     at = model.linearise(u, x, np.eye(len(x)), fixture)
     for j in range(u.shape[1]):
         step = np.zeros(u.shape[1])

@@ -1,0 +1,1 @@
+"""The gap between simulation and measurement: where it is, what is missing, and how sure that is."""
