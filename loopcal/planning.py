@@ -15,7 +15,8 @@ from loopcal.files import create
 from recordings.reader import read_recording
 from recordings.rig import Rig, load_rig, parameters
 from solver.poses.criteria import criterion_named
-from solver.poses.planning import Predicted, SessionPlan, plan_session
+from solver.poses.planning import SessionPlan, plan_session
+from solver.poses.prediction import Predicted
 from solver.report.notation import figures, unit_of
 from solver.solve import solve
 
@@ -70,7 +71,7 @@ def plan_text(rig: Rig, planned: SessionPlan) -> str:
     plan = planned.plan
     lines = [
         f"# Planned for rig '{rig.name}': {plan.poses} poses.",
-        *(f"# {line}" for line in _worst(planned, planned.predicted)),
+        *(f"# {line}" for line in _worst(planned)),
         "",
         "[plan]",
         f'mode = "{plan.mode}"',
@@ -124,10 +125,23 @@ def _error(planned: SessionPlan, j: int, errors: NDArray[np.float64]) -> str:
     return f"{figures(float(errors[j]) / unit.to_si, 2)} {unit.name}"
 
 
-def _worst(planned: SessionPlan, predicted: Predicted) -> list[str]:
-    name = planned.space.names[predicted.worst]
-    error = _error(planned, predicted.worst, predicted.errors)
-    return [f"Predicted standard error of the least certain parameter, {name}: {error}."]
+def _range(planned: SessionPlan, j: int, predicted: Predicted) -> str:
+    return f"{_error(planned, j, predicted.low).split()[0]} to {_error(planned, j, predicted.high)}"
+
+
+def _worst(planned: SessionPlan) -> list[str]:
+    predicted, followed = planned.predicted, planned.followed
+    if predicted is None:
+        return ["So few poses leave open what more of them would determine."]
+    j = predicted.worst
+    said = f"Predicted standard error of the least certain parameter, {planned.space.names[j]}: "
+    said += _error(planned, j, predicted.errors)
+    if followed is None:
+        return [f"{said}."]
+    return [
+        f"{said} (typically {_range(planned, j, predicted)}) at poses as a hand picks them,",
+        f"{_error(planned, j, followed.errors)} at the poses suggested below.",
+    ]
 
 
 def _show(planned: SessionPlan) -> None:
@@ -139,10 +153,26 @@ def _show(planned: SessionPlan) -> None:
     )
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
     table.add_column("parameter")
+    predicted, followed = planned.predicted, planned.followed
     table.add_column("predicted ± SE", justify="right")
+    if followed is not None:
+        table.add_column("typically", justify="right")
+        table.add_column("at the suggested poses", justify="right")
     for j, name in enumerate(space.names):
-        table.add_row(name, _error(planned, j, planned.predicted.errors))
+        row = [name, "–" if predicted is None else _error(planned, j, predicted.errors)]
+        if followed is not None:
+            row.append("–" if predicted is None else _range(planned, j, predicted))
+            row.append(_error(planned, j, followed.errors))
+        table.add_row(*row)
     out.print(table)
+    if predicted is None:
+        out.print("so few poses leave open what more of them would determine", markup=False)
+    elif followed is not None:
+        out.print(
+            "By hand: the median, and the range of eight sessions in ten, over random poses within reach.",
+            markup=False,
+            soft_wrap=True,
+        )
     for words in planned.held:
         out.print(f"no pose determines: {words}", markup=False, soft_wrap=True)
     sizes = Table(
@@ -155,8 +185,11 @@ def _show(planned: SessionPlan) -> None:
     sizes.add_column("poses", justify="right")
     sizes.add_column("least certain")
     sizes.add_column("± SE", justify="right")
+    if followed is not None:
+        sizes.add_column("typically", justify="right")
     for size in planned.by_poses:
-        sizes.add_row(
-            f"{size.poses}", space.names[size.worst], _error(planned, size.worst, size.errors)
-        )
+        row = [f"{size.poses}", space.names[size.worst], _error(planned, size.worst, size.errors)]
+        if followed is not None:
+            row.append(_range(planned, size.worst, size))
+        sizes.add_row(*row)
     out.print(sizes)

@@ -145,8 +145,13 @@ def covariance(space: ParameterSpace, jacobian: Array) -> tuple[Array, Identifia
     taken as exact, so that standard errors then hold given the nominal values.
     """
     found = identifiability(space, jacobian)
+    return covariance_holding(space, jacobian, found), found
+
+
+def covariance_holding(space: ParameterSpace, jacobian: Array, found: Identifiability) -> Array:
+    """(n, n) covariance from a whitened Jacobian (M, n), of which ``found`` says what is held, as `covariance`."""
     if jacobian.shape[1] == 0:
-        return np.zeros((0, 0)), found
+        return np.zeros((0, 0))
     width = prior_width(space)
     free = free_directions(found.plausible[:, None] * found.held, width)
     half = free @ np.linalg.inv(np.linalg.qr(jacobian @ free, mode="r"))
@@ -158,4 +163,4 @@ def covariance(space: ParameterSpace, jacobian: Array) -> tuple[Array, Identifia
     if believed:
         weighted = np.column_stack(believed) / width[:, None]
         half = np.hstack([half, width[:, None] * np.linalg.qr(weighted)[0]])
-    return half @ half.T, found
+    return half @ half.T

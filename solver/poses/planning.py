@@ -2,9 +2,8 @@
 
 Candidates are reachable poses (`reach`, or within the tilt and swivel of a plate moved by
 hand). The most informative of them are chosen as a solve chooses (`selection`), ordered for
-short moves, and revisited as the plan's `revisit` says. The standard errors that the session
-will reach are predicted from the noise of the channels and the length of the dwells: that is
-what the Cramér-Rao bound promises, and what a solve of such a session reports.
+short moves, and revisited as the plan's `revisit` says. What the session will determine is said by
+`prediction`; by hand, for poses as a hand picks them, and for those suggested.
 """
 
 from __future__ import annotations
@@ -17,11 +16,18 @@ from numpy.typing import NDArray
 
 from recordings.rig import Plan, Rig, SerialMechanism, parameters, visits
 from solver.errors import MechanismError
-from solver.estimate.identifiability import covariance, prior_width
+from solver.estimate.identifiability import (
+    Identifiability,
+    covariance,
+    identifiability,
+    prior_width,
+)
 from solver.estimate.nuisance import Observations, settle
+from solver.estimate.null_directions import point_frames
 from solver.mechanism.model import Model, model_of
 from solver.mechanism.space import ParameterSpace
 from solver.poses.criteria import Criterion
+from solver.poses.prediction import Predicted, predict, predict_by_hand
 from solver.poses.reach import drive_choices, reachable
 from solver.poses.selection import select
 from solver.poses.wander import wander
@@ -30,24 +36,9 @@ Array = NDArray[np.float64]
 
 _CHOICES = 4  # sets of drives that are worked out
 _CANDIDATES = 400
+_SAYS_NOTHING = 1e-11  # of the largest singular value of any pose: only rounding
 _DITHER = 0.5  # counts: a quieter channel does not average its quantisation away
 _COUNTS = (10, 15, 20, 30, 40, 60, 80, 100, 150, 200)
-
-
-@dataclass(frozen=True)
-class Predicted:
-    """What a number of poses will determine.
-
-    Attributes:
-        poses: distinct ones.
-        errors: (n,) standard errors of the identified parameters, SI; inf where not determined.
-        worst: index of the parameter whose error is largest for its stated uncertainty (or for
-            its plausible error, where none is stated).
-    """
-
-    poses: int
-    errors: Array
-    worst: int
 
 
 @dataclass(frozen=True)
@@ -59,7 +50,9 @@ class SessionPlan:
         space: the parameters.
         coordinates: (N, U) the poses in the order of their visits.
         coordinate_names: names of the U coordinates.
-        predicted: of the whole session, revisits included.
+        predicted: of the whole session, revisits included; by hand, at poses as a hand picks them.
+            None where these determine less than poses can.
+        followed: by hand, of a session at the suggested poses instead; None where driven.
         by_poses: of shorter and longer sessions, without revisits.
         held: combinations that no pose determines, in words.
     """
@@ -68,7 +61,8 @@ class SessionPlan:
     space: ParameterSpace
     coordinates: Array
     coordinate_names: tuple[str, ...]
-    predicted: Predicted
+    predicted: Predicted | None
+    followed: Predicted | None
     by_poses: tuple[Predicted, ...]
     held: tuple[str, ...]
 
@@ -117,15 +111,18 @@ def plan_session(
     chosen = select(jacobians, min(count, len(coordinates)), criterion).poses
     chosen = chosen[_short_path(coordinates[chosen][:, drives] if drives else coordinates[chosen])]
     plan = _plan(rig, model, base, drives, coordinates[chosen], len(chosen), x)
-    stops = jacobians[chosen[[visit.pose for visit in visits(plan)]]]
-    cov, found = covariance(space, stops.reshape(-1, len(space.names)))
+    stops = [visit.pose for visit in visits(plan)]
+    found = identifiability(space, jacobians.reshape(-1, len(space.names)), x, point_frames(rig))
+    suggested = predict(space, jacobians[chosen[stops]], len(chosen), found)
+    picked = predict_by_hand(space, jacobians, len(chosen), stops, found) if by_hand else suggested
     return SessionPlan(
         plan,
         space,
         coordinates[chosen],
         model.coordinate_names,
-        _predicted(space, len(chosen), cov),
-        tuple(_by_poses(space, jacobians, criterion)),
+        picked,
+        suggested if by_hand else None,
+        tuple(_by_poses(space, jacobians, criterion, found, by_hand)),
         found.combinations,
     )
 
@@ -175,10 +172,16 @@ def _within_ranges(rig: Rig, model: Model, x: Array, poses: Array) -> NDArray[np
 def _jacobians(
     rig: Rig, model: Model, space: ParameterSpace, x: Array, coordinates: Array, plan: Plan
 ) -> Array:
-    """(P, C, n) whitened by the standard errors of the planned dwells' means."""
+    """(P, R, n) whitened by the standard errors of the planned dwells' means.
+
+    Of each pose only the R combinations of readings that the loop checks: the others say nothing.
+    """
     sigma = np.tile(mean_sigma(rig, plan), (len(coordinates), 1))
     readings = model.linearise(coordinates, x, space.expansion).readings
-    return settle(model, Observations(readings, sigma), coordinates, x, space.expansion).jacobian
+    settled = settle(model, Observations(readings, sigma), coordinates, x, space.expansion)
+    _, singular, right = np.linalg.svd(settled.jacobian, full_matrices=False)
+    checked = int((singular > _SAYS_NOTHING * singular.max()).any(axis=0).sum())
+    return np.asarray(singular[:, :checked, None] * right[:, :checked])
 
 
 def mean_sigma(rig: Rig, plan: Plan) -> Array:
@@ -192,11 +195,6 @@ def mean_sigma(rig: Rig, plan: Plan) -> Array:
     return np.sqrt(rounded**2 / samples + np.where(rounded < _DITHER, 1.0 / 12.0, 0.0))
 
 
-def _predicted(space: ParameterSpace, poses: int, cov: Array) -> Predicted:
-    errors = np.sqrt(np.diag(cov))
-    return Predicted(poses, errors, int(np.argmax(errors / prior_width(space))))
-
-
 def _score(space: ParameterSpace, jacobians: Array) -> float:
     """Largest standard error for its stated uncertainty; infinite where something is not determined."""
     cov, found = covariance(space, jacobians.reshape(-1, len(space.names)))
@@ -205,16 +203,26 @@ def _score(space: ParameterSpace, jacobians: Array) -> float:
     return float((np.sqrt(np.diag(cov)) / prior_width(space)).max())
 
 
-def _by_poses(space: ParameterSpace, jacobians: Array, criterion: Criterion) -> list[Predicted]:
+def _by_poses(
+    space: ParameterSpace,
+    jacobians: Array,
+    criterion: Criterion,
+    found: Identifiability,
+    by_hand: bool,
+) -> list[Predicted]:
     out = []
     for count in _COUNTS:
         if count >= len(jacobians):
             break
-        # The quick criterion: the table compares sizes of sessions, not criteria.
-        chosen = select(jacobians, count, "determinant" if criterion == "sigma_L" else criterion)
-        cov, found = covariance(space, jacobians[chosen.poses].reshape(-1, len(space.names)))
-        if not found.held.shape[1]:
-            out.append(_predicted(space, count, cov))
+        if by_hand:
+            size = predict_by_hand(space, jacobians, count, range(count), found)
+        else:
+            # The quick criterion: the table compares sizes of sessions, not criteria.
+            quick: Criterion = "determinant" if criterion == "sigma_L" else criterion
+            chosen = select(jacobians, count, quick).poses
+            size = predict(space, jacobians[chosen], count, found)
+        if size is not None:
+            out.append(size)
     return out
 
 
