@@ -38,6 +38,7 @@ class Coefficient:
         plausible: size [SI] such as is met in practice: the prior standard deviation by which
             rivals are weighed, and by which a screen scales.
         low, high: physical bounds [SI].
+        start: where a fit begins [SI]; the effect does nothing there, unless it changes codes.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Coefficient:
     plausible: float
     low: float = -np.inf
     high: float = np.inf
+    start: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,11 +139,12 @@ class Recorded:
     Attributes:
         values: (P, C) true values by the present model [rad or m].
         at: the circumstances.
-        modes: the joints that a drive held, as the session recorded; None where nobody said.
+        counts: (P, C) averaged readings [counts]; None where there are none.
     """
 
     values: Array
     at: Circumstances
+    counts: Array | None = None
 
 
 class Effect(ABC):
@@ -151,10 +154,13 @@ class Effect(ABC):
         name: of the effect, as in the catalogue.
         scanned: whether the effect comes in `variants` that differ in a setting found by search
             (a moment, a harmonic), which a screen has to pay for.
+        needs: fields of `Circumstances` without which it does nothing ("torque" and "force" are
+            computed, and readings in motion added, only for effects that need them).
     """
 
     name: ClassVar[str]
     scanned: ClassVar[bool] = False
+    needs: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, site: Site, where: str) -> None:
         self.site = site

@@ -179,14 +179,14 @@ class Grown:
 def grow(site: Site, effects: Sequence[Effect]) -> tuple[Grown, tuple[Parameter, ...]]:
     """The model of a site with ``effects``, and its parameter table: coefficients behind, all identified.
 
-    Coefficients start at zero; settings are the effects' own and take no place in the table.
+    Nominal is where a fit begins; settings are the effects' own and take no place in the table.
     """
     table = list(site.table)
     columns = []
     for effect in effects:
         columns.append(np.arange(len(table), len(table) + len(effect.coefficients), dtype=np.intp))
         table += [
-            Parameter(f"{effect.label}.{c.name}", c.dimension, 0.0, None, True, None)
+            Parameter(f"{effect.label}.{c.name}", c.dimension, c.start, None, True, None)
             for c in effect.coefficients
         ]
     return _grown(site, effects, columns, len(table)), tuple(table)

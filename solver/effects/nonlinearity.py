@@ -12,13 +12,13 @@ from recordings.rig import DescribedEffect, Quantity
 from solver.effects.effect import Array, Coefficient, Effect, Recorded, Shift, Site
 from solver.mechanism.circumstances import Circumstances
 
-_DEGREES = (2, 3, 4, 5, 6)
+_DEGREES = (3, 5, 8)  # highest order of the forms that are tried
 _PLAUSIBLE = 0.01  # of the range used
 _MARGIN = 0.02  # of the range used, beyond it on both sides
 
 
 class Nonlinearity(Effect):
-    """delta = sum p_n P_n(x), n = 2 ... 6, Legendre polynomials over [low, high].
+    """delta = sum p_n P_n(x), n = 2 ... degree, Legendre polynomials over [low, high].
 
     Orders 0 and 1 are the channel's offset and gain, and are left to them. A transducer bends
     gently: higher orders are expected to be smaller, which the plausible sizes say.
@@ -26,8 +26,11 @@ class Nonlinearity(Effect):
 
     name = "nonlinearity"
 
-    def __init__(self, site: Site, where: str, low: float, high: float) -> None:
+    scanned = True
+
+    def __init__(self, site: Site, where: str, low: float, high: float, degree: int) -> None:
         super().__init__(site, where)
+        self._degree = degree
         self._channel = np.array([site.channel(where)], dtype=np.intp)
         self._low, self._high = low, high
 
@@ -40,13 +43,16 @@ class Nonlinearity(Effect):
         used = recorded.values[:, site.channel(where)]
         low, high = float(used.min()), float(used.max())
         margin = _MARGIN * (high - low)
-        return (cls(site, where, low - margin, high + margin),) if high > low else ()
+        if not high > low:
+            return ()
+        return tuple(cls(site, where, low - margin, high + margin, n) for n in _DEGREES)
 
     @classmethod
     def read(cls, site: Site, described: DescribedEffect) -> Self:
         cls.checked(site, described)
         low, high = (described.values.get(end, Quantity()).nominal for end in ("low", "high"))
-        return cls(site, described.where, low, high).fitting(described)
+        orders = [int(p[1:]) for p in described.values if p[0] == "p" and p[1:].isdigit()]
+        return cls(site, described.where, low, high, max([2, *orders])).fitting(described)
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:
@@ -61,8 +67,8 @@ class Nonlinearity(Effect):
     def seen(self, values: Array, coefficients: Array, at: Circumstances) -> Shift | None:
         scale = 2.0 / (self._high - self._low)
         x = scale * (values[:, self._channel[0]] - self._low) - 1.0
-        shapes = np.asarray(legendre.legvander(x, _DEGREES[-1])[:, _DEGREES[0] :], dtype=np.float64)
-        series = np.concatenate([np.zeros(_DEGREES[0]), coefficients])
+        shapes = np.asarray(legendre.legvander(x, self._degree)[:, 2:], dtype=np.float64)
+        series = np.concatenate([np.zeros(2), coefficients])
         by_values = np.zeros((len(values), 1, values.shape[1]))
         by_values[:, 0, self._channel[0]] = scale * legendre.legval(x, legendre.legder(series))
         return Shift(self._channel, (shapes @ coefficients)[:, None], shapes[:, None, :], by_values)

@@ -10,14 +10,34 @@ from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import entry_points
 
+from solver.effects.backlash import Backlash
+from solver.effects.crosstalk import Crosstalk
 from solver.effects.effect import Effect
 from solver.effects.gain_error import GainError
+from solver.effects.lag import Lag
 from solver.effects.nonlinearity import Nonlinearity
+from solver.effects.offset_drift import OffsetDrift
+from solver.effects.offset_jump import OffsetJump
+from solver.effects.periodic import CyclicError, Eccentricity
+from solver.effects.saturation import Saturation
+from solver.effects.stuck_bit import StuckBit
 from solver.errors import MechanismError
 
 GROUP = "loopcal.effects"
 
-BUILT_IN: tuple[type[Effect], ...] = (GainError, Nonlinearity)
+BUILT_IN: tuple[type[Effect], ...] = (
+    GainError,
+    Nonlinearity,
+    Eccentricity,
+    CyclicError,
+    Backlash,
+    OffsetDrift,
+    OffsetJump,
+    Lag,
+    Crosstalk,
+    StuckBit,
+    Saturation,
+)
 
 
 @cache

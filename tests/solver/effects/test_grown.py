@@ -43,7 +43,9 @@ def poses(rig_name: str, rng: np.random.Generator) -> tuple[Site, Array, Circums
 
 
 def every_effect(site: Site, values: Array, at: Circumstances) -> list[Effect]:
-    recorded = Recorded(values, at)
+    stated = ((c.gain.nominal, c.offset.nominal, c.zero_count) for c in site.rig.channels)
+    gain, offset, zero = np.array(list(stated)).T
+    recorded = Recorded(values, at, np.round((values - offset) / gain + zero))
     return [
         variant
         for kind in effect_kinds().values()
@@ -64,7 +66,7 @@ def test_derivatives_are_those_of_finite_differences(rig_name: str) -> None:
         model, table = grow(site, [effect])
         plausible = np.array([c.plausible for c in effect.coefficients])
         x = np.array([p.nominal for p in table])
-        x[model.named :] = plausible * rng.uniform(0.5, 1.0, len(plausible))
+        x[model.named :] += plausible * rng.uniform(0.5, 1.0, len(plausible))
         directions = np.eye(len(x))
         here = model.linearise(u, x, directions, at)
         by_x = np.concatenate([here.readings_by_parameters, here.closure_by_parameters], axis=1)
