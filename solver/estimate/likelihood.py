@@ -3,8 +3,9 @@
 Minimises over parameters x, and over every pose's true coordinates u, the whitened reading
 residuals, subject to loop closure; `nuisance` eliminates u. Reaches the Cramér-Rao bound for
 small noise, and needs no choice between metres and radians: noise is the only scale. A robust
-loss is minimised by refitting with new weights until they settle; the covariance is then the
-inverse of the weighted information, for Huber's loss within 2 % of its asymptotic variance.
+loss is minimised by settling the weights in the linear model about a fit, and refitting; the
+covariance is then the inverse of the weighted information, for Huber's loss within 2 % of its
+asymptotic variance.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from solver.estimate.holding import minimise_held
 from solver.estimate.identifiability import covariance
 from solver.estimate.locating import located
 from solver.estimate.nuisance import Observations, Settled, assemble, settle
-from solver.estimate.robust import Loss, weights
+from solver.estimate.robust import Loss, reweighted
 from solver.estimate.trust_region import Evaluation, Minimum, Status
 from solver.mechanism.model import Model
 from solver.mechanism.serial import SerialModel
@@ -30,7 +31,7 @@ Array = NDArray[np.float64]
 
 NAME = "ml"
 
-_REWEIGHTINGS = 30
+_REWEIGHTINGS = 10
 _SETTLED_WEIGHT = 1e-3
 
 
@@ -110,10 +111,17 @@ def identify(
             loss=loss,
             priors=use_priors,
         )
+    usual = None
     for _ in range(_REWEIGHTINGS if loss is not Loss.NONE else 0):
         settled = minimum.last.state[1]
         redundancy = settled.residual.shape[1] - freedoms
-        renewed = weights(loss, settled.residual, settled.jacobian, weight, redundancy)
+        beside = (
+            minimum.last.residual[settled.residual.size :],
+            minimum.last.jacobian[settled.residual.size :],
+        )
+        renewed, usual = reweighted(
+            loss, settled.residual, settled.jacobian, beside, weight, redundancy, usual
+        )
         if np.abs(renewed - weight).max() < _SETTLED_WEIGHT:
             break
         again = fit(minimum.variables, settled.coordinates, renewed)

@@ -29,6 +29,10 @@ DOWNWEIGHTED = 0.5
 """A weight below this is worth telling: noise alone gives a fitting pose such a weight very rarely."""
 
 _QUANTILES = 2000
+_FOLLOWING = 8  # rounds in which leverage and scale follow the weights
+_ROUNDS = 100
+_SETTLED = 3e-4  # a change of weights that is none
+_ROUNDING = 1e-11  # of the normal matrix with unit columns
 
 
 class Loss(Enum):
@@ -56,14 +60,13 @@ class Loss(Enum):
         return float(np.mean(self.weight(np.sqrt(square), freedoms) * square))
 
 
-def weights(loss: Loss, residual: Array, jacobian: Array, used: Array, freedoms: int) -> Array:
-    """(P,) weights after a fit.
+def yardstick(residual: Array, jacobian: Array, used: Array, freedoms: int) -> Array:
+    """(P,) squared residuals that count as usual for each pose: its redundancy left times the poses' scale.
 
     Args:
-        loss: which.
-        residual: (P, C), whitened, unweighted.
+        residual: (P, C) at a fit, whitened, unweighted.
         jacobian: (P, C, n), likewise.
-        used: (P,) weights of the fit that gave them.
+        used: (P,) weights of the fit.
         freedoms: redundancy of a pose.
     """
     poses, channels, count = jacobian.shape
@@ -75,4 +78,52 @@ def weights(loss: Loss, residual: Array, jacobian: Array, used: Array, freedoms:
     left = np.maximum(freedoms - leverage, 0.05 * freedoms)
     square = np.sum(residual**2, axis=1) / left
     spread = np.median(square) / (chi2.median(freedoms) / freedoms)
-    return loss.weight(np.sqrt(square / max(float(spread), 1.0)), freedoms)
+    return np.asarray(left * max(float(spread), 1.0))
+
+
+def reweighted(
+    loss: Loss,
+    residual: Array,
+    jacobian: Array,
+    beside: tuple[Array, Array],
+    used: Array,
+    freedoms: int,
+    usual: Array | None = None,
+) -> tuple[Array, Array]:
+    """Weights (P,) at which refitting would settle, were the model linear about a fit, and their yardstick (P,).
+
+    Leverage and scale follow the weights for a few rounds and are then kept: left to follow
+    for ever they chase the weights and nothing settles, while with a fixed yardstick every
+    round lowers the loss. Residuals do not notice a step along what the data leave open.
+
+    Args:
+        loss: which.
+        residual: (P, C) at the fit, whitened, unweighted.
+        jacobian: (P, C, n), likewise.
+        beside: residual (M,) and Jacobian (M, n) of all that is not a pose: priors, known distances.
+        used: (P,) weights of the fit.
+        freedoms: redundancy of a pose.
+        usual: the yardstick to keep; found where None.
+    """
+    poses, channels, count = jacobian.shape
+    flat = jacobian.reshape(-1, count)
+    norms = np.linalg.norm(np.vstack([flat, beside[1]]), axis=0)
+    scale = 1.0 / np.where(norms > 0, norms, 1.0)
+    flat, other = flat * scale, beside[1] * scale
+    weight, moved = used, residual
+    following = 0 if usual is not None else _FOLLOWING
+    for turn in range(_ROUNDS):
+        if usual is None or turn < following:
+            usual = yardstick(moved, jacobian, weight, freedoms)
+        renewed = loss.weight(np.sqrt(np.sum(moved**2, axis=1) / usual), freedoms)
+        settled = turn >= following and float(np.abs(renewed - weight).max()) < _SETTLED
+        weight = renewed
+        if settled:
+            break
+        each = np.repeat(weight, channels)
+        normal = (flat * each[:, None]).T @ flat + other.T @ other
+        slope = flat.T @ (each * residual.ravel()) + other.T @ beside[0]
+        step = -np.linalg.lstsq(normal, slope, rcond=_ROUNDING)[0]
+        moved = residual + (flat @ step).reshape(poses, channels)
+    assert usual is not None
+    return weight, usual
