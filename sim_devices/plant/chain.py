@@ -14,7 +14,7 @@ Owns geometry only: no time, no sensors, no drives.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,6 +67,7 @@ class ChainGeometry:
         seat: fixed transform from the frame where the chain should end to its first joint, or None
             where there is nothing between.
         links: fixed transforms behind each joint, likewise.
+        first_reach: (3,) [m] share of the seat's shift that belongs to the first joint's origin.
     """
 
     theta_offset: Array
@@ -77,6 +78,26 @@ class ChainGeometry:
     fixture_shift: Array
     seat: Fixed | None = None
     links: Fixed | None = None
+    first_reach: Array | None = None
+
+
+def displaced(geometry: ChainGeometry, turned: Array, shifted: Array) -> ChainGeometry:
+    """``geometry`` with the frame where the chain should end displaced, in itself.
+
+    Args:
+        geometry: of a chain.
+        turned: (n, 4) turn.
+        shifted: (n, 3) [m].
+    """
+    start = Fixed(turned, shifted).back.then(Fixed(geometry.fixture_turn, geometry.fixture_shift))
+    return replace(geometry, fixture_turn=start.turn, fixture_shift=start.shift)
+
+
+def transforms_ahead(mechanism: SerialMechanism, values: Mapping[str, float]) -> list[Fixed]:
+    """Fixed transforms ahead of each joint, and that of the tip: J + 1."""
+    ahead = [_ahead(joint, values) for joint in mechanism.joints]
+    ahead.append(_NOTHING if mechanism.tip is None else _placed("tip", values))
+    return ahead
 
 
 def chain_geometry(
@@ -99,21 +120,26 @@ def chain_geometry(
     plain = all(joint.convention == "dh" for joint in joints)
     if plain and mechanism.tip is None and fixture is None:
         return bare
-    ahead = [_ahead(joint, values) for joint in joints]
+    ahead = transforms_ahead(mechanism, values)
     behind = [_behind(joint, values) for joint in joints]
-    ahead.append(_NOTHING if mechanism.tip is None else _placed("tip", values))
     links = [behind[j].then(ahead[j + 1]) for j in range(len(joints))]
     stand = _NOTHING if fixture is None else _placed(fixture, values).back
     return replace(
         bare,
         seat=stand.then(ahead[0]),
         links=Fixed(np.array([k.turn for k in links]), np.array([k.shift for k in links])),
+        first_reach=turn(stand.turn, ahead[0].shift),
     )
 
 
 def _placed(name: str, values: Mapping[str, float]) -> Fixed:
     """URDF's origin: xyz, then turned about the fixed x, y and z axes."""
-    x, y, z, roll, pitch, yaw = (values[f"{name}.{part}"] for part in POSE)
+    return pose([values[f"{name}.{part}"] for part in POSE])
+
+
+def pose(parts: Sequence[float]) -> Fixed:
+    """x, y, z [m], then turned by rx, ry, rz [rad] about the fixed x, y and z axes."""
+    x, y, z, roll, pitch, yaw = parts
     turned = product(
         about(_Z, np.array(yaw)), product(about(_Y, np.array(pitch)), about(_X, np.array(roll)))
     )

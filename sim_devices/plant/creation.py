@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 
 from recordings.rig import Rig
+from sim_devices.plant.effects.effect import Rests
 from sim_devices.plant.effects.registry import hidden_effects
 from sim_devices.plant.errors import CannotSimulate
+from sim_devices.plant.loop import Loop
 from sim_devices.plant.nature import Nature, nature_of
-from sim_devices.plant.quaternion import Array
-from sim_devices.plant.session import resting
+from sim_devices.plant.seeds import ASSEMBLY, stream
+from sim_devices.plant.session import rests
 from sim_devices.truth import draw_truth
+
+_UNPLANNED_S = 600.0
+_UNPLANNED_STOPS = 100
+"""What a session is taken for where the rig has no plan."""
 
 
 def make_nature(rig: Rig, seed: int, hide: Sequence[str] = (), poses: int | None = None) -> Nature:
@@ -37,7 +43,7 @@ def make_nature(rig: Rig, seed: int, hide: Sequence[str] = (), poses: int | None
         raise CannotSimulate(f"the seed is {seed}, expected 0 or above")
     bare = nature_of(rig, draw_truth(rig, seed))
     values = bare.truth.parameters
-    effects = hidden_effects(hide, rig, seed, values, lambda: _travel(bare, poses))
+    effects = hidden_effects(hide, rig, seed, values, lambda: _rests(bare, poses))
     for effect in effects:
         values = effect.values(values)
     told = tuple(effect.told for effect in effects)
@@ -45,9 +51,19 @@ def make_nature(rig: Rig, seed: int, hide: Sequence[str] = (), poses: int | None
     return nature_of(rig, truth, effects)
 
 
-def _travel(bare: Nature, poses: int | None) -> Mapping[str, Array]:
-    """Values of each channel at the stops of the plan; over full scale where there is no plan."""
+def _rests(bare: Nature, poses: int | None) -> Rests:
+    """The stops of the plan; where there is none, a slow course over full scale."""
     if bare.rig.plan is not None:
-        return resting(bare, poses)
+        return rests(bare, poses)
     spans = {name: sensor.span or (-1.0, 1.0) for name, sensor in bare.sensors.items()}
-    return {name: np.linspace(*span, 100) for name, span in spans.items()}
+    mechanism = bare.mechanism
+    if isinstance(mechanism, Loop):
+        coordinates = mechanism.assemble(stream(bare.truth.seed, ASSEMBLY))
+    else:
+        coordinates = np.hstack([mechanism.neutral_turn, mechanism.neutral_shift])
+    return Rests(
+        np.linspace(0.0, _UNPLANNED_S, _UNPLANNED_STOPS),
+        {name: np.linspace(*span, _UNPLANNED_STOPS) for name, span in spans.items()},
+        coordinates[None],
+        _UNPLANNED_S,
+    )

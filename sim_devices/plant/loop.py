@@ -71,16 +71,18 @@ class Loop:
 
     def closure(self, variables: Array, time_s: Array) -> tuple[Array, Array]:
         """Closure error (n, m) and its rate (n, m, J) at joint variables (n, J) and times (n,)."""
+        return self._chain.closure(self.geometry(variables, time_s), variables)
+
+    def geometry(self, variables: Array, time_s: Array) -> ChainGeometry:
+        """The geometry at joint variables (n, J) and times (n,), with what effects make of it."""
         geometry = self._geometry
         for effect in self._effects:
             geometry = effect.geometry(geometry, time_s, variables)
-        return self._chain.closure(geometry, variables)
+        return geometry
 
     def end(self, variables: Array, time_s: Array) -> tuple[Array, Array]:
         """Turns (n, 4) and origins (n, 3) [m] of the chain's end, in the base frame."""
-        geometry = self._geometry
-        for effect in self._effects:
-            geometry = effect.geometry(geometry, time_s, variables)
+        geometry = self.geometry(variables, time_s)
         turns, frames, origins = self._chain.reach(geometry, variables)
         back = turns[:, self._base] * np.array([1.0, -1.0, -1.0, -1.0])
         apart = origins[:, -1] - origins[:, self._base]
@@ -88,8 +90,8 @@ class Loop:
 
     @property
     def is_steady(self) -> bool:
-        """Whether the geometry is the same at all times and loads."""
-        return not self._effects
+        """Whether the geometry is the same at all times."""
+        return not any(effect.moves_geometry_in_time for effect in self._effects)
 
     def within_limits(self, variables: Array) -> NDArray[np.bool_]:
         """Whether all joints (..., J) are within their limits, shape (...)."""
@@ -167,12 +169,14 @@ class Loop:
         way = float(np.linalg.norm(target - start))
         longest = 1.0 / max(1.0, np.ceil(way / _PIECE))
         passed, shares, size = [variables], [0.0], longest
+        # What yields under load is not asked again on the way: the knots are polished later.
+        geometry = self.geometry(variables[None], np.array([time_s]))
         while shares[-1] < 1.0:
             share = min(1.0, shares[-1] + size)
             trial = passed[-1].copy()
             trial[list(held)] = start + share * (target - start)
             reach = min(_REACH, 2 * _LEVER * way * (share - shares[-1]) + _SLACK)
-            solved = self._corrected(trial, is_held, time_s, reach)
+            solved = self._corrected(trial, is_held, geometry, reach)
             if solved is not None and self.within_limits(solved):
                 passed.append(solved)
                 shares.append(share)
@@ -184,14 +188,13 @@ class Loop:
         return np.array(passed), np.array(shares)
 
     def _corrected(
-        self, trial: Array, held: NDArray[np.bool_], time_s: float, reach: float
+        self, trial: Array, held: NDArray[np.bool_], geometry: ChainGeometry, reach: float
     ) -> Array | None:
         """``trial`` (J,) brought to closure; None when that is too far, does not contract, or jams."""
-        now = np.array([time_s])
         here = trial[None].copy()
         allowed = reach
         for _ in range(8):
-            error, rate = self.closure(here, now)
+            error, rate = self._chain.closure(geometry, here)
             if np.abs(error).max(initial=0.0) < _NEAR:
                 jams = held.any() and _lever(rate[0], held) > _LEVER
                 return None if jams else np.asarray(here[0])

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from recordings.rig import Rig, SerialMechanism
 from sim_devices.plant.chain import chain_geometry
 from sim_devices.plant.effects.effect import Effect
+from sim_devices.plant.effects.registry import described_effects
 from sim_devices.plant.loop import Loop
 from sim_devices.plant.plate import Plate, plate_geometry
 from sim_devices.plant.quaternion import Array
@@ -44,8 +45,16 @@ class Nature:
 
 
 def nature_of(rig: Rig, truth: Truth, effects: Sequence[Effect] = ()) -> Nature:
-    """The rig with ``truth`` for its parameters and ``effects`` at work."""
-    values = truth.parameters
+    """The rig with ``truth`` for its parameters; at work are the effects that it describes, and ``effects``.
+
+    Raises:
+        BadEffect: the rig describes an effect that nature does not know, or that cannot be so.
+    """
+    values: Mapping[str, float] = truth.parameters
+    known = described_effects(rig, values)
+    for effect in known:
+        values = effect.values(values)
+    effects = (*known, *effects)
     mechanism: Loop | Plate
     loops: dict[str | None, Loop] = {}
     if isinstance(rig.mechanism, SerialMechanism):

@@ -3,12 +3,13 @@
     counts = round(zero_count + (seen - offset) / gain + noise N(0, 1))
 
 with true gain and offset, wrapped where the counter wraps, else clipped to its range. What
-is seen is what is there, changed by the effects that sit at the channel.
+is seen is what is there, changed by the effects that sit at the channel; others act on what
+reaches the converter, or on its codes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from recordings.rig import Channel
 from sim_devices.plant.effects.effect import Effect
 from sim_devices.plant.motion import Course
+from sim_devices.plant.quaternion import Array
 
 _INVERSION_STEPS = 20
 """Enough for effects whose slope stays below one half."""
@@ -34,21 +36,43 @@ class Sensor:
         self, channel: Channel, values: Mapping[str, float], effects: Sequence[Effect] = ()
     ) -> None:
         self.channel = channel
+        self._values = values
         self._gain = values[f"{channel.name}.gain"]
         self._offset = values[f"{channel.name}.offset"]
         self._effects = effects
 
-    def counts(self, course: Course, rng: np.random.Generator) -> NDArray[np.int64]:
-        """(n,) counts along ``course``, noise included."""
-        seen = course.value[self.channel.name]
+    def counts(
+        self, course: Course, rng: np.random.Generator, noise: Array | None = None
+    ) -> NDArray[np.int64]:
+        """(n,) counts along ``course``.
+
+        Args:
+            course: of all channels.
+            rng: of the noise, where none is given.
+            noise: (n,) in standard deviations of one sample.
+        """
+        name = self.channel.name
+        seen = course.value[name]
         for effect in self._effects:
-            seen = effect.seen(self.channel.name, seen, course)
-        exact = self.channel.zero_count + (seen - self._offset) / self._gain
-        noisy = np.rint(exact + self.channel.noise * rng.standard_normal(len(exact)))
-        counts = noisy.astype(np.int64)
+            seen = effect.seen(name, seen, course)
+        steps = (seen - self._offset) / self._gain
         for effect in self._effects:
-            counts = effect.counts(self.channel.name, counts)
-        return self._fitted(counts)
+            steps = effect.steps(name, steps, self._steps_along(course))
+        if noise is None:
+            noise = rng.standard_normal(len(steps))
+        noisy = np.rint(self.channel.zero_count + steps + self.channel.noise * noise)
+        counts = self._fitted(noisy.astype(np.int64))
+        for effect in self._effects:
+            counts = self._fitted(effect.counts(name, counts))
+        return counts
+
+    def _steps_along(self, course: Course) -> Callable[[str], Array]:
+        values = self._values
+
+        def steps_of(name: str) -> Array:
+            return (course.value[name] - values[f"{name}.offset"]) / values[f"{name}.gain"]
+
+        return steps_of
 
     def _fitted(self, counts: NDArray[np.int64]) -> NDArray[np.int64]:
         """What the counter can show: wrapped, else clipped."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from recordings.rig import Plan, visits
+from sim_devices.plant.effects.effect import Rests
 from sim_devices.plant.errors import CannotSimulate
 from sim_devices.plant.fixtures import Passage, drive_through
 from sim_devices.plant.hand import Hand
@@ -73,19 +74,34 @@ def play(nature: Nature, poses: int | None = None) -> Played:
     return Played(sampled_course(time_s, nature.by_channel(places)), stops)
 
 
-def resting(nature: Nature, poses: int | None = None) -> Mapping[str, Array]:
-    """By channel, its value at every stop that the plan reaches [rad or m]; raises as `play` does."""
+def rests(nature: Nature, poses: int | None = None) -> Rests:
+    """Every stop that the plan reaches; raises as `play` does."""
     mechanism = nature.mechanism
     if isinstance(mechanism, Loop):
-        parts = []
-        for stay in _driven(nature, poses).stays:
+        passage = _driven(nature, poses)
+        times, places, coordinates = [], [], []
+        for stay in passage.stays:
             tour = stay.tour
-            arrived = np.array([stop.arrive_s for stop in tour.stops if not stop.faults])
-            parts.append(_joints_and_markers(nature, tour.loop, tour.at_stops(), arrived))
-        return nature.by_channel(np.vstack(parts))
+            times.append(np.array([stop.arrive_s for stop in tour.stops if not stop.faults]))
+            coordinates.append(tour.at_stops())
+            places.append(_joints_and_markers(nature, tour.loop, coordinates[-1], times[-1]))
+        return Rests(
+            np.concatenate(times),
+            nature.by_channel(np.vstack(places)),
+            np.vstack(coordinates),
+            passage.stops[-1].leave_s if passage.stops else LEAD_S,
+        )
     hand = scripted_hand(nature, mechanism, poses)
-    arrived = np.array([stop.arrive_s for stop in hand.round(0, LEAD_S)])
-    return nature.by_channel(legs_and_markers(nature, mechanism, *hand.plate_at(arrived), arrived))
+    stops = hand.round(0, LEAD_S)
+    arrived = np.array([stop.arrive_s for stop in stops])
+    pose = hand.plate_at(arrived)
+    value = nature.by_channel(legs_and_markers(nature, mechanism, *pose, arrived))
+    return Rests(arrived, value, np.hstack(pose), stops[-1].leave_s if stops else LEAD_S)
+
+
+def resting(nature: Nature, poses: int | None = None) -> Mapping[str, Array]:
+    """By channel, its value at every stop that the plan reaches [rad or m]; raises as `play` does."""
+    return rests(nature, poses).value
 
 
 def legs_and_markers(

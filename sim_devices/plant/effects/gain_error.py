@@ -10,10 +10,10 @@ from typing import Self
 
 import numpy as np
 
-from recordings.rig import Rig
+from recordings.rig import DescribedEffect, Rig
+from sim_devices.plant.effects.described import channel_names, check_place, read_values
 from sim_devices.plant.effects.effect import Effect, Request
-from sim_devices.plant.effects.size import parse_size
-from sim_devices.plant.errors import BadEffect
+from sim_devices.plant.effects.size import ratio_size
 
 
 class GainError(Effect):
@@ -23,7 +23,7 @@ class GainError(Effect):
 
     @classmethod
     def places(cls, rig: Rig) -> tuple[str, ...]:
-        return tuple(channel.name for channel in rig.channels)
+        return channel_names(rig)
 
     @classmethod
     def typical(cls, rig: Rig, where: str, rng: np.random.Generator) -> str:
@@ -31,13 +31,12 @@ class GainError(Effect):
 
     @classmethod
     def make(cls, request: Request) -> Self:
-        size = parse_size(cls.name, request.size)
-        ratio = size.number / 100 if size.percent else size.number
-        if not -0.5 <= ratio <= 0.5:
-            raise BadEffect(
-                f"the size of '{cls.name}' is '{request.size}', expected at most 0.5 (or 50%) either way"
-            )
-        return cls(request.where, ratio, "1")
+        return cls(request.where, ratio_size(cls.name, request.size, most=0.5), "1")
+
+    @classmethod
+    def described(cls, effect: DescribedEffect, rig: Rig, values: Mapping[str, float]) -> Self:
+        check_place(effect, cls.places(rig))
+        return cls(effect.where, read_values(effect, values, {"ratio": "ratio"})["ratio"], "1")
 
     def values(self, values: Mapping[str, float]) -> Mapping[str, float]:
         name = f"{self.where}.gain"

@@ -1,26 +1,41 @@
 """``nonlinearity``: a channel departs smoothly from a straight line, as RVDTs and LVDTs do.
 
-The departure is a table of points over the channel's full scale with a cubic spline through
-them, like the calibration sheet of a transducer. Size: ``2%`` is the greatest departure from
-the best straight line over full scale, in percent of full scale; a plain number [deg or m]
-is the RMS departure from the best straight line over the travel that the plan uses. Truth
+Hidden, the departure is a table of points over the channel's full scale with a cubic spline
+through them, like the calibration sheet of a transducer. Size: ``2%`` is the greatest departure
+from the best straight line over full scale, in percent of full scale; a plain number [deg or
+m] is the RMS departure from the best straight line over the travel that the plan uses. Truth
 tells the latter in both cases.
+
+Described, it is a sum of Legendre polynomials P2 ... P6, by Bonnet's recurrence
+(n + 1) P_n+1 = (2 n + 1) x P_n - n P_n-1.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Self
 
 import numpy as np
 
-from recordings.rig import Rig
+from recordings.rig import DescribedEffect, Rig
+from sim_devices.plant.effects.described import (
+    channel_dimension,
+    channel_names,
+    check_place,
+    read_values,
+)
 from sim_devices.plant.effects.effect import Effect, Request
-from sim_devices.plant.effects.size import parse_size
+from sim_devices.plant.effects.rms import rms_about_line
+from sim_devices.plant.effects.size import channel_unit, parse_size
 from sim_devices.plant.errors import BadEffect
 from sim_devices.plant.quaternion import Array
 
 _POINTS = 9
 _DENSE = 400
+_DEGREES = range(2, 7)
+
+Departure = Callable[[Array], Array]
+"""Seen minus true value, at true values (n,) [rad or m]."""
 
 
 class Nonlinearity(Effect):
@@ -30,18 +45,14 @@ class Nonlinearity(Effect):
         where: channel.
         size: RMS about the best straight line over the travel used [``unit``].
         unit: "deg" or "m".
-        at: (k,) points over full scale [rad or m].
-        departure: (k,) seen minus true value there [rad or m].
+        departure: what is seen beyond the true value.
     """
 
     name = "nonlinearity"
 
-    def __init__(self, where: str, size: float, unit: str, at: Array, departure: Array) -> None:
-        from scipy.interpolate import CubicSpline  # slow to import, and most runs hide nothing
-
+    def __init__(self, where: str, size: float, unit: str, departure: Departure) -> None:
         super().__init__(where, size, unit)
-        self._low, self._high = at[0], at[-1]
-        self._spline = CubicSpline(at, departure, bc_type="natural")
+        self._departure = departure
 
     @classmethod
     def places(cls, rig: Rig) -> tuple[str, ...]:
@@ -59,23 +70,22 @@ class Nonlinearity(Effect):
             raise BadEffect(f"the size of '{cls.name}' is '{request.size}', expected above 0")
         if size.percent and size.number > 10:
             raise BadEffect(f"the size of '{cls.name}' is '{request.size}', expected at most 10%")
-        angular = request.rig.dimension_of(channel.senses) == "angle"
-        unit, to_si = ("deg", np.pi / 180) if angular else ("m", 1.0)
+        unit, to_si = channel_unit(request.rig, request.where)
         gain, offset = (request.values[f"{channel.name}.{part}"] for part in ("gain", "offset"))
-        ends = np.array(channel.count_range) - channel.zero_count
+        # places() offers only channels with a count range.
+        ends = np.array(channel.count_range or (0, 1)) - channel.zero_count
         low, high = sorted(gain * ends + offset)
 
         at = np.linspace(low, high, _POINTS)
         # A transducer bends gently: neighbouring points of the sheet depart alike.
         rough = request.rng.standard_normal(_POINTS + 4)
-        raw = cls(request.where, 0.0, unit, at, np.convolve(rough, [1, 3, 4, 3, 1], "valid"))
+        sheet = np.convolve(rough, [1, 3, 4, 3, 1], "valid")
         scale = np.linspace(low, high, _DENSE)
-        line = np.polyfit(scale, raw.at_rest(request.where, scale) - scale, 1)
-        shape = raw._spline(at) - np.polyval(line, at)
-        straightened = cls(request.where, 0.0, unit, at, shape)
-        used = request.travel()[channel.name]
-        rms = _rms_about_line(used, straightened.at_rest(request.where, used) - used)
-        peak = np.abs(straightened.at_rest(request.where, scale) - scale).max()
+        sheet = sheet - np.polyval(np.polyfit(scale, _spline(at, sheet)(scale), 1), at)
+        straightened = _spline(at, sheet)
+        used = request.rests().value[channel.name]
+        rms = rms_about_line(used, straightened(used))
+        peak = np.abs(straightened(scale)).max()
         factor = (
             size.number / 100 * (high - low) / peak if size.percent else size.number * to_si / rms
         )
@@ -84,17 +94,43 @@ class Nonlinearity(Effect):
                 f"the size of '{cls.name}@{request.where}' is '{request.size}' {unit} RMS, which over the "
                 f"little travel of this plan takes a departure of more than 20% of full scale"
             )
-        return cls(request.where, float(factor * rms / to_si), unit, at, factor * shape)
+        told = float(factor * rms / to_si)
+        return cls(request.where, told, unit, _spline(at, factor * sheet))
+
+    @classmethod
+    def described(cls, effect: DescribedEffect, rig: Rig, values: Mapping[str, float]) -> Self:
+        check_place(effect, channel_names(rig))
+        dimension = channel_dimension(rig, effect.where)
+        parts = {f"p{n}": dimension for n in _DEGREES}
+        true = read_values(effect, values, parts, {"low": dimension, "high": dimension})
+        if not true["low"] < true["high"]:
+            raise BadEffect(f"the effect '{effect.label}' of the rig has 'high' not above 'low'")
+        unit, to_si = channel_unit(rig, effect.where)
+        bent = _legendre([true[part] for part in parts], true["low"], true["high"])
+        scale = np.linspace(true["low"], true["high"], _DENSE)
+        return cls(effect.where, rms_about_line(scale, bent(scale)) / to_si, unit, bent)
 
     def at_rest(self, channel: str, value: Array) -> Array:
         if channel != self.where:
             return value
-        return np.asarray(value + self._spline(np.clip(value, self._low, self._high)))
+        return np.asarray(value + self._departure(value))
 
 
-def _rms_about_line(at: Array, departure: Array) -> float:
-    """RMS of ``departure`` about its best straight line over the points ``at``."""
-    centred = at - at.mean()
-    rest = departure - departure.mean()
-    rest = rest - centred * (centred @ rest) / (centred @ centred)
-    return float(np.sqrt(np.mean(rest**2)))
+def _spline(at: Array, departure: Array) -> Departure:
+    """The sheet ``departure`` at points ``at``, kept at its ends beyond them."""
+    from scipy.interpolate import CubicSpline  # slow to import, and most runs hide nothing
+
+    through = CubicSpline(at, departure, bc_type="natural")
+    return lambda value: np.asarray(through(np.clip(value, at[0], at[-1])))
+
+
+def _legendre(coefficients: list[float], low: float, high: float) -> Departure:
+    def bent(value: Array) -> Array:
+        x = (2 * value - low - high) / (high - low)
+        before, now, total = x, (3 * x * x - 1) / 2, np.zeros_like(x)
+        for n, coefficient in zip(_DEGREES, coefficients, strict=True):
+            total = total + coefficient * now
+            before, now = now, ((2 * n + 1) * x * now - n * before) / (n + 1)
+        return np.asarray(total)
+
+    return bent

@@ -3,16 +3,51 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 from recordings.rig import Rig
-from sim_devices.plant.effects.effect import Effect, Request
+from sim_devices.plant.effects.axis_offset import AxisOffset
+from sim_devices.plant.effects.backlash import Backlash
+from sim_devices.plant.effects.crosstalk import Crosstalk
+from sim_devices.plant.effects.cyclic_error import CyclicError
+from sim_devices.plant.effects.eccentricity import Eccentricity
+from sim_devices.plant.effects.effect import Effect, Request, Rests
+from sim_devices.plant.effects.fixture_compliance import FixtureCompliance
+from sim_devices.plant.effects.fixture_slip import FixtureSlip
 from sim_devices.plant.effects.gain_error import GainError
+from sim_devices.plant.effects.joint_compliance import JointCompliance
+from sim_devices.plant.effects.lag import Lag
+from sim_devices.plant.effects.link_geometry import LinkGeometry
 from sim_devices.plant.effects.nonlinearity import Nonlinearity
+from sim_devices.plant.effects.offset_drift import OffsetDrift
+from sim_devices.plant.effects.offset_jump import OffsetJump
+from sim_devices.plant.effects.saturation import Saturation
+from sim_devices.plant.effects.stuck_bit import StuckBit
+from sim_devices.plant.effects.thermal_growth import ThermalGrowth
 from sim_devices.plant.errors import BadEffect
-from sim_devices.plant.quaternion import Array
 from sim_devices.plant.seeds import EFFECTS, stream
 
-EFFECT_KINDS: Mapping[str, type[Effect]] = {kind.name: kind for kind in (GainError, Nonlinearity)}
+_CATALOGUE: tuple[type[Effect], ...] = (
+    GainError,
+    Nonlinearity,
+    Eccentricity,
+    CyclicError,
+    Backlash,
+    OffsetDrift,
+    OffsetJump,
+    Lag,
+    Crosstalk,
+    StuckBit,
+    Saturation,
+    JointCompliance,
+    FixtureCompliance,
+    FixtureSlip,
+    LinkGeometry,
+    AxisOffset,
+    ThermalGrowth,
+)
+
+EFFECT_KINDS: Mapping[str, type[Effect]] = {kind.name: kind for kind in _CATALOGUE}
 """Every effect by its name. A new effect is a class of its own and an entry here."""
 
 RANDOM = "random"
@@ -23,7 +58,7 @@ def hidden_effects(
     rig: Rig,
     seed: int,
     values: Mapping[str, float],
-    travel: Callable[[], Mapping[str, Array]],
+    rests: Callable[[], Rests],
 ) -> tuple[Effect, ...]:
     """The effects that ``hide`` asks for, in its order.
 
@@ -32,7 +67,7 @@ def hidden_effects(
         rig: as described.
         seed: chooses, and shapes.
         values: true parameters, SI.
-        travel: gives the values of each channel at the poses of the plan [rad or m].
+        rests: gives the stops of the plan.
 
     Raises:
         BadEffect: misspelled, unknown name or place, impossible size, or twice the same.
@@ -42,27 +77,55 @@ def hidden_effects(
         rng = stream(seed, EFFECTS, number)
         if text == RANDOM:
             taken = {(effect.name, effect.where) for effect in effects}
-            choices = [
-                (kind, place)
-                for kind in EFFECT_KINDS.values()
-                for place in kind.places(rig)
-                if (kind.name, place) not in taken
-            ]
-            if not choices:
-                raise BadEffect("there is no effect left that 'random' could choose in this rig")
-            names = sorted({kind.name for kind, _ in choices})
-            name = names[rng.integers(len(names))]
-            places = [place for kind, place in choices if kind.name == name]
-            kind, where = EFFECT_KINDS[name], places[rng.integers(len(places))]
-            size = kind.typical(rig, where, rng)
+            effects.append(_random(Request("", "", rig, values, rests, rng), taken))
         else:
             kind, where, size = _parse(text, rig)
             if any((effect.name, effect.where) == (kind.name, where) for effect in effects):
                 raise BadEffect(
                     f"'{kind.name}@{where}' is hidden twice; give it once, with its whole size"
                 )
-        effects.append(kind.make(Request(where, size, rig, values, travel, rng)))
+            effects.append(kind.make(Request(where, size, rig, values, rests, rng)))
     return tuple(effects)
+
+
+def _random(request: Request, taken: set[tuple[str, str]]) -> Effect:
+    """An effect of any name alike, at any of its places; ``request`` without place and size."""
+    rig, rng = request.rig, request.rng
+    choices = {
+        name: [place for place in kind.places(rig) if (name, place) not in taken]
+        for name, kind in EFFECT_KINDS.items()
+    }
+    while names := sorted(name for name, places in choices.items() if places):
+        name = names[rng.integers(len(names))]
+        where = choices[name][rng.integers(len(choices[name]))]
+        size = EFFECT_KINDS[name].typical(rig, where, rng)
+        try:
+            return EFFECT_KINDS[name].make(replace(request, where=where, size=size))
+        except BadEffect:
+            # What is typical elsewhere does not fit here, such as an error of a disc that hardly turns.
+            choices[name].remove(where)
+    raise BadEffect("there is no effect left that 'random' could choose in this rig")
+
+
+def described_effects(rig: Rig, values: Mapping[str, float]) -> tuple[Effect, ...]:
+    """The effects that ``rig`` describes, in its order.
+
+    Args:
+        rig: as described.
+        values: true parameters, SI, the values of its effects among them.
+
+    Raises:
+        BadEffect: an effect that nature does not know, or that cannot be so.
+    """
+    out = []
+    for effect in rig.effects:
+        if effect.name not in EFFECT_KINDS:
+            raise BadEffect(
+                f"the rig describes '{effect.label}', but nature knows no effect '{effect.name}'; "
+                f"expected one of: {', '.join(EFFECT_KINDS)}"
+            )
+        out.append(EFFECT_KINDS[effect.name].described(effect, rig, values))
+    return tuple(out)
 
 
 def _parse(text: str, rig: Rig) -> tuple[type[Effect], str, str]:
