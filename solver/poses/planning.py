@@ -3,7 +3,8 @@
 Candidates are reachable poses (`reach`, or within the tilt and swivel of a plate moved by
 hand). The most informative of them are chosen as a solve chooses (`selection`), ordered for
 short moves, and revisited as the plan's `revisit` says. What the session will determine is said by
-`prediction`; by hand, for poses as a hand picks them, and for those suggested.
+`prediction`; by hand, for poses as a hand picks them, and for those suggested. Where the rig has
+several fixtures the session visits all stops in each of them (`fixtures`).
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from solver.estimate.null_directions import point_frames
 from solver.mechanism.model import Model, model_of
 from solver.mechanism.space import ParameterSpace
 from solver.poses.criteria import Criterion
+from solver.poses.fixtures import in_every_fixture
 from solver.poses.prediction import Predicted, predict, predict_by_hand
 from solver.poses.reach import drive_choices, reachable
 from solver.poses.selection import select
@@ -99,11 +101,16 @@ def plan_session(
     if base is None or (base.mode == "driven") == by_hand:
         base = Plan.model_validate({"mode": "by-hand"})
     count = base.poses if poses is None else poses
+    known = model.pseudo_observations(x, space.expansion)[1]
     best: tuple[float, tuple[int, ...], Array, Array] | None = None
     for drives, coordinates in _candidates(rig, model, x, by_hand):
-        jacobians = _jacobians(rig, model, space, x, coordinates, base)
+        places, kept = in_every_fixture(rig, model, x, drives, coordinates)
+        coordinates = coordinates[kept]
+        jacobians = np.concatenate(
+            [_jacobians(rig, one, space, x, there, base) for one, there in places], axis=1
+        )
         chosen = select(jacobians, min(count, len(coordinates)), "determinant").poses
-        score = _score(space, jacobians[chosen])
+        score = _score(space, jacobians[chosen], known)
         if best is None or score < best[0]:
             best = (score, drives, coordinates, jacobians)
     assert best is not None  # _candidates raises where there is none
@@ -112,9 +119,14 @@ def plan_session(
     chosen = chosen[_short_path(coordinates[chosen][:, drives] if drives else coordinates[chosen])]
     plan = _plan(rig, model, base, drives, coordinates[chosen], len(chosen), x)
     stops = [visit.pose for visit in visits(plan)]
-    found = identifiability(space, jacobians.reshape(-1, len(space.names)), x, point_frames(rig))
-    suggested = predict(space, jacobians[chosen[stops]], len(chosen), found)
-    picked = predict_by_hand(space, jacobians, len(chosen), stops, found) if by_hand else suggested
+    rows = np.vstack([jacobians.reshape(-1, len(space.names)), known])
+    found = identifiability(space, rows, x, point_frames(rig))
+    suggested = predict(space, jacobians[chosen[stops]], len(chosen), found, known)
+    picked = (
+        predict_by_hand(space, jacobians, len(chosen), stops, found, known)
+        if by_hand
+        else suggested
+    )
     return SessionPlan(
         plan,
         space,
@@ -122,7 +134,7 @@ def plan_session(
         model.coordinate_names,
         picked,
         suggested if by_hand else None,
-        tuple(_by_poses(space, jacobians, criterion, found, by_hand)),
+        tuple(_by_poses(space, jacobians, criterion, found, known, by_hand)),
         found.combinations,
     )
 
@@ -195,9 +207,9 @@ def mean_sigma(rig: Rig, plan: Plan) -> Array:
     return np.sqrt(rounded**2 / samples + np.where(rounded < _DITHER, 1.0 / 12.0, 0.0))
 
 
-def _score(space: ParameterSpace, jacobians: Array) -> float:
+def _score(space: ParameterSpace, jacobians: Array, known: Array) -> float:
     """Largest standard error for its stated uncertainty; infinite where something is not determined."""
-    cov, found = covariance(space, jacobians.reshape(-1, len(space.names)))
+    cov, found = covariance(space, np.vstack([jacobians.reshape(-1, len(space.names)), known]))
     if found.held.shape[1]:
         return float("inf")
     return float((np.sqrt(np.diag(cov)) / prior_width(space)).max())
@@ -208,6 +220,7 @@ def _by_poses(
     jacobians: Array,
     criterion: Criterion,
     found: Identifiability,
+    known: Array,
     by_hand: bool,
 ) -> list[Predicted]:
     out = []
@@ -215,12 +228,12 @@ def _by_poses(
         if count >= len(jacobians):
             break
         if by_hand:
-            size = predict_by_hand(space, jacobians, count, range(count), found)
+            size = predict_by_hand(space, jacobians, count, range(count), found, known)
         else:
             # The quick criterion: the table compares sizes of sessions, not criteria.
             quick: Criterion = "determinant" if criterion == "sigma_L" else criterion
             chosen = select(jacobians, count, quick).poses
-            size = predict(space, jacobians[chosen], count, found)
+            size = predict(space, jacobians[chosen], count, found, known)
         if size is not None:
             out.append(size)
     return out

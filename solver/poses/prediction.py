@@ -51,7 +51,7 @@ class Predicted:
 
 
 def predict(
-    space: ParameterSpace, stops: Array, poses: int, found: Identifiability
+    space: ParameterSpace, stops: Array, poses: int, found: Identifiability, known: Array
 ) -> Predicted | None:
     """What stops with whitened Jacobians (S, C, n) determine of what can be determined at all.
 
@@ -60,11 +60,12 @@ def predict(
         stops: one Jacobian a stop, revisits included.
         poses: how many of them are distinct.
         found: what all candidates together leave open.
+        known: (D, n) whitened rows of what is known beside readings.
 
     Returns:
         None where the stops leave more open than ``found``.
     """
-    errors = _errors(space, stops, found)
+    errors = _errors(space, stops, found, known)
     if errors is None:
         return None
     return Predicted(poses, errors, errors, errors, _worst(space, errors))
@@ -76,6 +77,7 @@ def predict_by_hand(
     poses: int,
     stops: Sequence[int],
     found: Identifiability,
+    known: Array,
 ) -> Predicted | None:
     """What a hand reaches that goes to random ones of ``candidates``, whitened Jacobians (P, C, n).
 
@@ -85,6 +87,7 @@ def predict_by_hand(
         poses: distinct ones of a session.
         stops: number of the pose at each stop, revisits included.
         found: what all candidates together leave open.
+        known: (D, n) whitened rows of what is known beside readings.
 
     Returns:
         None where most draws leave more open than ``found``.
@@ -94,7 +97,7 @@ def predict_by_hand(
     for _ in range(_DRAWS):
         # With replacement: the candidates stand for a continuum.
         chosen = rng.integers(len(candidates), size=poses)[np.asarray(stops, dtype=np.intp)]
-        errors = _errors(space, candidates[chosen], found)
+        errors = _errors(space, candidates[chosen], found, known)
         drawn.append(np.full(len(space.names), np.inf) if errors is None else errors)
     low, middle, high = np.quantile(drawn, (_RANGE[0], 0.5, _RANGE[1]), axis=0, method="nearest")
     if not np.isfinite(middle).all():
@@ -102,8 +105,11 @@ def predict_by_hand(
     return Predicted(poses, middle, low, high, _worst(space, middle))
 
 
-def _errors(space: ParameterSpace, stops: Array, found: Identifiability) -> Array | None:
-    jacobian = np.asarray(np.linalg.qr(stops.reshape(-1, len(space.names)), mode="r"))
+def _errors(
+    space: ParameterSpace, stops: Array, found: Identifiability, known: Array
+) -> Array | None:
+    rows = np.vstack([stops.reshape(-1, len(space.names)), known])
+    jacobian = np.asarray(np.linalg.qr(rows, mode="r"))
     if undetermined(space, jacobian)[0].shape[1] > found.held.shape[1]:
         return None
     return np.sqrt(np.diag(covariance_holding(space, jacobian, found)))
