@@ -186,7 +186,7 @@ def grow(site: Site, effects: Sequence[Effect]) -> tuple[Grown, tuple[Parameter,
     for effect in effects:
         columns.append(np.arange(len(table), len(table) + len(effect.coefficients), dtype=np.intp))
         table += [
-            Parameter(f"{effect.label}.{c.name}", c.dimension, c.start, None, True, None)
+            Parameter(f"{effect.label}.{c.name}", c.dimension, c.start, c.plausible, True, None)
             for c in effect.coefficients
         ]
     return _grown(site, effects, columns, len(table)), tuple(table)

@@ -25,7 +25,6 @@ class Nonlinearity(Effect):
     """
 
     name = "nonlinearity"
-
     scanned = True
 
     def __init__(self, site: Site, where: str, low: float, high: float, degree: int) -> None:
@@ -57,7 +56,10 @@ class Nonlinearity(Effect):
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:
         dimension, wide = self.site.dimension(self.where), self._high - self._low
-        return tuple(Coefficient(f"p{n}", dimension, _PLAUSIBLE * wide * 2.0 / n) for n in _DEGREES)
+        return tuple(
+            Coefficient(f"p{n}", dimension, _PLAUSIBLE * wide * 2.0 / n)
+            for n in range(2, self._degree + 1)
+        )
 
     @property
     def settings(self) -> Mapping[str, Quantity]:

@@ -10,17 +10,22 @@ from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import entry_points
 
+from solver.effects.axis_offset import AxisOffset
 from solver.effects.backlash import Backlash
 from solver.effects.crosstalk import Crosstalk
 from solver.effects.effect import Effect
+from solver.effects.fixture import FixtureCompliance, FixtureSlip
 from solver.effects.gain_error import GainError
+from solver.effects.joint_compliance import JointCompliance
 from solver.effects.lag import Lag
+from solver.effects.link_geometry import LinkGeometry
 from solver.effects.nonlinearity import Nonlinearity
 from solver.effects.offset_drift import OffsetDrift
 from solver.effects.offset_jump import OffsetJump
 from solver.effects.periodic import CyclicError, Eccentricity
 from solver.effects.saturation import Saturation
 from solver.effects.stuck_bit import StuckBit
+from solver.effects.thermal_growth import ThermalGrowth
 from solver.errors import MechanismError
 
 GROUP = "loopcal.effects"
@@ -37,6 +42,12 @@ BUILT_IN: tuple[type[Effect], ...] = (
     Crosstalk,
     StuckBit,
     Saturation,
+    JointCompliance,
+    FixtureCompliance,
+    FixtureSlip,
+    LinkGeometry,
+    AxisOffset,
+    ThermalGrowth,
 )
 
 

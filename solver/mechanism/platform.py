@@ -154,7 +154,7 @@ class PlatformModel:
             length, by_length = length - at_neutral, by_length - by_neutral
         counts, slope, by_parameters = self.sensing.counts(length, parameters, directions)
 
-        by_coordinates = np.zeros((poses, len(slope), size))
+        by_coordinates = np.zeros((poses, slope.shape[-1], size))
         if self.turns:
             turned = -skew(arm) @ left_jacobian(coordinates[:, None, :3])
             by_coordinates[:, :, :3] = np.einsum("pci,pcij->pcj", along, turned)

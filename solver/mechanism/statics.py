@@ -1,0 +1,258 @@
+"""What a mechanism at rest carries: torques of its drives, tensions of its legs, force on its fixture.
+
+Virtual work. Of a chain that closes, C(u, m) = 0 with m a displacement of its fixture, and whose
+links have the potential energy V(u, m),
+
+    dV/du_f + C_f' lambda = 0          for the coordinates f that nothing holds,
+    tau_j   = dV/du_j + C_j' lambda    what the drive of joint j exerts on its link,
+    force   = -(dV/dm + C_m' lambda)   what the mechanism exerts on its fixture.
+
+With enough free joints the first row determines lambda: loads then follow from masses alone. Where
+it does not, drives could brace themselves against each other, and nobody knows by how much: no
+load is given. Of a platform, tensions T with dV/du + (dL/du)' T = 0; where there are more legs than
+freedoms equal legs share, which is the solution of least norm.
+
+Owns loads at given coordinates. What yields under them is the business of effects.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.rig import PlatformMechanism, Rig, SerialMechanism, parameters
+from solver.mechanism.chain import Chain, Motion
+from solver.mechanism.circumstances import Circumstances
+from solver.mechanism.links import joint_motions
+from solver.mechanism.model import imperfections, mechanism_model
+from solver.mechanism.rotation import left_jacobian
+
+Array = NDArray[np.float64]
+
+_RANK = 1e-8  # of the largest singular value
+_BALANCED = 1e-6  # of the largest generalised weight
+
+
+@dataclass(frozen=True, slots=True)
+class Loads:
+    """Loads at P poses; None where they are not determined, which ``why`` then says.
+
+    Attributes:
+        torque: (P, J) what each joint's drive exerts on its link, along the joint [Nm or N]; of a
+            platform the tension of each leg [N].
+        force: (P, 3) what the mechanism exerts on its fixture, in the fixture's axes (the base
+            frame's where there is none); of a pivoted platform, on its pivot [N].
+        why: in words for the user; empty where all is known.
+    """
+
+    torque: Array | None
+    force: Array | None
+    why: str = ""
+
+
+def why_unloaded(rig: Rig) -> str | None:
+    """Why no loads can be computed from the description of ``rig``, in words; None where they can."""
+    if rig.gravity is None:
+        return "the rig does not say where gravity points: add gravity_m_per_s2"
+    mechanism = rig.mechanism
+    if isinstance(mechanism, PlatformMechanism):
+        if mechanism.standing == "held-by-hand":
+            return 'a hand carries the plate (standing = "held-by-hand"): nobody knows what the legs carry'
+        if not mechanism.plate_mass:
+            return "the rig gives no mass: add plate_mass_kg and plate_com_m"
+    elif not any(joint.mass for joint in mechanism.joints):
+        return "the rig gives no masses: add mass_kg and com_m to its joints"
+    return None
+
+
+def loads(
+    rig: Rig,
+    coordinates: Array,
+    parameters: Array,
+    held: NDArray[np.bool_] | None,
+    at: Circumstances | None = None,
+) -> Loads:
+    """Loads of ``rig``'s mechanism, effects left out.
+
+    Args:
+        rig: with masses and gravity.
+        coordinates: (P, U) closed poses, of the rig's model.
+        parameters: (N,) of the rig without effects; what is behind them is not looked at.
+        held: (P, J) whether a drive held each joint; None where nobody knows. Platforms need none.
+        at: the fixtures that held the poses.
+    """
+    why = why_unloaded(rig)
+    if why is not None:
+        return Loads(None, None, why)
+    if isinstance(rig.mechanism, PlatformMechanism):
+        return _on_legs(rig, rig.mechanism, coordinates, parameters)
+    if held is None:
+        return Loads(
+            None,
+            None,
+            "nobody recorded which joints a drive held: loads are computed for driven sessions",
+        )
+    torque = np.zeros((len(coordinates), held.shape[1]))
+    force = np.zeros((len(coordinates), 3))
+    why = ""
+    for pattern in np.unique(held, axis=0):
+        rows = np.flatnonzero((held == pattern).all(axis=1))
+        some = None if at is None else at.take(rows)
+        found = _in_chain(rig, rig.mechanism, coordinates[rows], parameters, pattern, some)
+        if found.torque is None:
+            return found
+        torque[rows] = found.torque
+        if found.force is None:
+            why = found.why
+        else:
+            force[rows] = found.force
+    return Loads(torque, None if why else force, why)
+
+
+def _in_chain(
+    rig: Rig,
+    mechanism: SerialMechanism,
+    coordinates: Array,
+    values: Array,
+    held: NDArray[np.bool_],
+    at: Circumstances | None,
+) -> Loads:
+    """Loads of a chain whose joints ``held`` (J,) are held by drives."""
+    plain = rig.model_copy(update={"effects": ()})
+    table = parameters(plain)
+    behind = len(imperfections(plain))
+    x = np.concatenate([values[: len(table)], np.zeros(behind)])
+    mount = np.zeros((len(x), 3))
+    mount[len(table) + np.arange(3), np.arange(3)] = 1.0
+    closed = mechanism_model(plain, table, imperfect=True).linearise(coordinates, x, mount, at)
+    weight, on_mount = _weight(plain, mechanism, coordinates, x)
+    joints = len(mechanism.joints)
+    driven = np.zeros(coordinates.shape[1], dtype=bool)
+    driven[:joints] = held
+    by_u = np.swapaxes(closed.closure_by_coordinates, 1, 2)
+    by_mount = np.swapaxes(closed.closure_by_parameters, 1, 2)
+    free = by_u[:, ~driven]
+    inverse = np.linalg.pinv(free, rcond=_RANK)
+    multiplier = -(inverse @ weight[:, ~driven, None])
+    borne = weight + (by_u @ multiplier)[:, :, 0]
+    most = float(np.abs(weight).max())
+    if np.abs(borne[:, ~driven]).max(initial=0.0) > _BALANCED * most:
+        names = ", ".join(j.name for j, h in zip(mechanism.joints, held, strict=True) if h)
+        return Loads(
+            None,
+            None,
+            f"the held joints ({names or 'none'}) do not carry the mechanism: it would fall",
+        )
+    left = np.eye(by_u.shape[2]) - inverse @ free  # (P, K, K) multipliers that nothing free feels
+    if np.abs(by_u[:, driven] @ left).max(initial=0.0) > _BALANCED:
+        return Loads(
+            None,
+            None,
+            "more joints were held than the mechanism has freedoms, so that their drives may brace each "
+            "other: let all but as many joints go free as it has freedoms",
+        )
+    torque = np.where(driven, borne, 0.0)[:, :joints]
+    force = -(on_mount + (by_mount @ multiplier)[:, :, 0])
+    if np.abs(by_mount @ left).max(initial=0.0) > _BALANCED:
+        return Loads(
+            torque,
+            None,
+            "the mechanism may be braced within its fixture, so that the force on it is not known",
+        )
+    return Loads(torque, force)
+
+
+def _weight(
+    rig: Rig, mechanism: SerialMechanism, coordinates: Array, values: Array
+) -> tuple[Array, Array]:
+    """(P, U) dV/du of the links' weights [Nm or N], and (3,) dV/dm with the mount, in the base frame.
+
+    Gravity is that of the base frame. Links between the start of the chain and the base are moved
+    by the joints between them and the base, backwards; and with the mount, where the base frame has
+    no fixture and the mount stands before it.
+    """
+    assert rig.gravity is not None
+    gravity = np.array(rig.gravity)
+    index = {p.name: i for i, p in enumerate(parameters(rig))}
+    motions: list[Motion] = []
+    ends = []
+    for u, joint in enumerate(mechanism.joints):
+        motions += joint_motions(joint, index, u)
+        ends.append(len(motions))
+    names = mechanism.places
+    behind = -1 if mechanism.base is None else names.index(mechanism.base)
+    base = ends[behind] if behind >= 0 else 0
+    by_u = np.zeros(coordinates.shape)
+    by_mount = np.zeros(3)
+    for i, joint in enumerate(mechanism.joints):
+        if not joint.mass or joint.com is None:
+            continue
+        com = np.array(joint.com)
+        part = slice(min(base, ends[i]), max(base, ends[i]))
+        chain = motions[part]
+        reached = Chain(tuple(chain)).reach(coordinates, values)
+        ahead = (
+            i > behind
+        )  # the chain leads from the base to the link, else from the link to the base
+        arm = reached.rotation @ com if ahead else com - reached.position
+        linear, angular = np.moveaxis(reached.screws[:, :3], 1, 2), reached.screws[:, 3:]
+        rates = linear + np.cross(np.moveaxis(angular, 1, 2), arm[:, None])  # (P, M, 3)
+        if not ahead:  # seen from the link its centre rests and the base moves
+            rates = -rates @ reached.rotation
+            if not mechanism.fixtures:
+                by_mount -= joint.mass * gravity
+        rising = -joint.mass * rates @ gravity
+        for m, motion in enumerate(chain):
+            if motion.coordinate >= 0:
+                by_u[:, motion.coordinate] += motion.sign * rising[:, m]
+    return by_u, by_mount
+
+
+def _on_legs(rig: Rig, mechanism: PlatformMechanism, coordinates: Array, values: Array) -> Loads:
+    """Tensions of the legs, and the force on the pivot, of a plate that stands on them."""
+    from solver.mechanism.platform import PlatformModel
+
+    assert rig.gravity is not None
+    assert mechanism.plate_com is not None
+    plain = rig.model_copy(update={"effects": ()})
+    table = parameters(plain)
+    index = {p.name: i for i, p in enumerate(table)}
+    model = PlatformModel.of(
+        plain.model_copy(
+            update={
+                "trackers": (),
+                "channels": tuple(c for c in plain.channels if c.senses in mechanism.places),
+            }
+        ),
+        table,
+    )
+
+    def points(names: list[str]) -> Array:
+        return np.array([[values[index[f"{name}.{axis}"]] for axis in "xyz"] for name in names])
+
+    rotation, position = model.plate_pose(coordinates)
+    turned = np.swapaxes(rotation, 1, 2)
+    arm = points([leg.plate for leg in mechanism.legs]) @ turned  # (P, L, 3)
+    way = position[:, None] + arm - points([leg.base for leg in mechanism.legs])
+    along = way / np.linalg.norm(way, axis=2, keepdims=True)
+    weight = (mechanism.plate_mass or 0.0) * np.array(rig.gravity)
+    tip = np.array(mechanism.plate_com) @ turned
+    by_u, pulled = [], []
+    if model.turns:
+        jacobian = left_jacobian(coordinates[:, :3])
+        pulled.append(np.cross(arm, along) @ jacobian)
+        by_u.append((-np.cross(tip, weight)[:, None] @ jacobian)[:, 0])
+    if model.shifts:
+        pulled.append(along)
+        by_u.append(np.broadcast_to(-weight, position.shape))
+    rising = np.concatenate(by_u, axis=1)
+    lengthening = np.swapaxes(np.concatenate(pulled, axis=2), 1, 2)  # (P, U, L)
+    tension = -(np.linalg.pinv(lengthening, rcond=_RANK) @ rising[:, :, None])[:, :, 0]
+    balance = rising + (lengthening @ tension[:, :, None])[:, :, 0]
+    if np.abs(balance).max() > _BALANCED * float(np.abs(rising).max()):
+        return Loads(None, None, "the legs do not carry the plate at every pose: it would fall")
+    if mechanism.plate != "pivoted":
+        return Loads(tension, None, "the plate has no pivot")
+    return Loads(tension, weight - np.sum(tension[:, :, None] * along, axis=1))
