@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 
 from recordings.rig import Rig, SerialMechanism
 from solver.estimate.estimate import Estimate
+from solver.estimate.identifiability import plausible_error
 from solver.estimate.nuisance import Observations, Settled
 from solver.estimate.trust_region import Status
 from solver.mechanism.model import Model
 from solver.mechanism.serial import SerialModel
+from solver.mobility import immobile, offset_determined, told
 from solver.poses.wander import limits
 from solver.samples import PoseTable
 from solver.suspects import suspects
@@ -35,6 +37,7 @@ _FEW = 0.25  # of the poses: more of them are not outliers but a wrong model
 _OUTLIERS_SHARE = 0.8  # of the misfit that outlying poses make
 _BEYOND = np.deg2rad(3.0)  # past a limit: more is not a calibration error
 _CORRELATED = 0.995
+_FAR = 10.0  # stated uncertainties, and more than plausible: an answer there is another one
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +89,7 @@ def diagnose(
         rank: directions that the poses determine.
     """
     status = estimate.status
-    stands = tuple(_stands(rig, c) for c in still_channels(table))
+    stands = _stands(rig, model, still_channels(table), settled.coordinates[poses], estimate)
     found: list[Finding] = []
     if rank == 0:
         status = Status.UNDETERMINED
@@ -100,12 +103,18 @@ def diagnose(
             found.append(Finding("outlying-poses", "bad", _outliers(table, outlying)))
         elif _unexplained(rig, table, settled, poses, estimate.parameters) > _UNEXPLAINED:
             status = Status.UNEXPLAINED
-    if status is not Status.CONVERGED and status not in (Status.OUTLYING, Status.UNDETERMINED):
+    if status is Status.CONVERGED:
+        far = _far(estimate)
+        if far is not None:
+            status = Status.FAR_FROM_NOMINAL
+            found.append(Finding("far-from-nominal", "bad", far))
+    told_already = (Status.CONVERGED, Status.OUTLYING, Status.UNDETERMINED, Status.FAR_FROM_NOMINAL)
+    if status not in told_already:
         observed = Observations(table.counts, table.sigma).take(poses)
-        told = stands or suspects(rig, model, observed, estimate.space.nominal)
+        named = stands or suspects(rig, model, observed, estimate.space.nominal)
         share = _unexplained(rig, table, settled, poses, estimate.parameters)
         text = f"What the mechanism leaves unexplained is {100 * share:.3g} % of the motion. "
-        found.append(Finding("unexplained", "bad", text + " ".join(told or (_UNKNOWN,))))
+        found.append(Finding("unexplained", "bad", text + " ".join(named or (_UNKNOWN,))))
     elif stands:
         found += [Finding("no-motion", "caution", text) for text in stands]
     if status is Status.CONVERGED:
@@ -126,12 +135,30 @@ def still_channels(table: PoseTable) -> NDArray[np.intp]:
     return np.flatnonzero(spread <= np.maximum(_STILL_COUNTS, noise))
 
 
-def _stands(rig: Rig, c: int) -> str:
-    channel = rig.channels[c]
-    return (
-        f"Channel {channel.name} reads the same at every pose: {channel.senses} did not move, or its "
-        "sensor is stuck. Move it between the poses, or check sensor and cable."
-    )
+def _stands(
+    rig: Rig, model: Model, still: NDArray[np.intp], coordinates: Array, estimate: Estimate
+) -> tuple[str, ...]:
+    """Why each of the channels ``still`` may have read the same at every pose."""
+    if not len(still):
+        return ()
+    cannot: set[str] = set()
+    if isinstance(model, SerialModel):
+        fixed = immobile(model, estimate.parameters, coordinates)
+        cannot = {model.coordinate_names[j] for j in fixed}
+    out = []
+    for channel in (rig.channels[c] for c in still):
+        said = f"Channel {channel.name} reads the same at every pose: "
+        if channel.senses in cannot:
+            determined = offset_determined(
+                estimate.space, estimate.held, channel.senses, channel.name
+            )
+            out.append(said + told(channel.senses, determined=determined))
+        else:
+            out.append(
+                f"{said}{channel.senses} did not move, or its sensor is stuck. "
+                "Move it between the poses, or check sensor and cable."
+            )
+    return tuple(out)
 
 
 def _unexplained(
@@ -174,6 +201,27 @@ def _outliers(table: PoseTable, outlying: NDArray[np.intp]) -> str:
     return (
         f"Dwell {', '.join(named)}{more} (counted from 0; the worst began at {first.start_ns} ns) {verb} all others: "
         "the mechanism slipped, hit something, changed its branch, or a sensor jumped. Leave them out, or record again."
+    )
+
+
+def _far(estimate: Estimate) -> str | None:
+    """What to say where a parameter ends implausibly far from what the rig states; None where none does."""
+    space = estimate.space
+    angle = np.array([space.table[i].dimension == "angle" for i in space.identified])
+    away = estimate.values - space.reduce(space.nominal)
+    away = np.where(angle, away - 2 * np.pi * np.round(away / (2 * np.pi)), away)
+    least = np.maximum(_FAR * space.uncertainty, plausible_error(space))
+    share = np.abs(away) / least
+    if not (share > 1.0).any():
+        return None
+    worst = int(np.argmax(share))
+    parameter = space.table[space.identified[worst]]
+    change, stated = away[worst] / parameter.to_si, space.uncertainty[worst] / parameter.to_si
+    return (
+        f"{parameter.name} ends {change:+.3g} {parameter.unit} from its nominal value, of which the rig states an "
+        f"uncertainty of {stated:.3g} {parameter.unit}: the readings were fitted by another assembly of the mechanism, "
+        "or by a twin of it, or the nominal value is wrong. Give offsets and homes nearer to the truth, sense "
+        "more joints, or state the larger uncertainty, and solve again."
     )
 
 

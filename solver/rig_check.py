@@ -13,7 +13,9 @@ from solver.estimate.identifiability import Identifiability, identifiability
 from solver.estimate.nuisance import Observations, settle
 from solver.estimate.null_directions import point_frames
 from solver.mechanism.model import Model, model_of
+from solver.mechanism.serial import SerialModel
 from solver.mechanism.space import ParameterSpace
+from solver.mobility import immobile, offset_determined, told
 from solver.poses.wander import assembled, limits, wander
 
 Array = NDArray[np.float64]
@@ -90,6 +92,16 @@ def check_rig(rig: Rig) -> RigCheck:
         space.nominal,
         point_frames(rig),
     )
+    if isinstance(model, SerialModel) and mobility == 0:
+        mistakes.append(
+            "the closed mechanism cannot move at all: every pose would be the same. Free more of the "
+            "endpoint, or check that no axis or fixture is given twice"
+        )
+    elif isinstance(model, SerialModel):
+        for j in immobile(model, space.nominal, poses):
+            name = model.coordinate_names[j]
+            determined = offset_determined(space, found.held, name, sensed.get(name))
+            remarks.append(told(name, determined=determined))
     remarks += [f"generic poses do not determine: {words}" for words in found.combinations]
     return RigCheck(
         mobility, redundancy, sensed, unsensed, space.names, found, tuple(mistakes), tuple(remarks)

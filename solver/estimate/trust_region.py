@@ -35,6 +35,7 @@ class Status(Enum):
     DOES_NOT_CLOSE = "the loop cannot be closed at the starting values; check the nominal geometry, offsets and channel signs"
     UNEXPLAINED = "the mechanism as described does not explain the readings; check gains, signs, units, the order of channels and the fixture"
     OUTLYING = "a few poses contradict all the others; leave them out or record them again"
+    FAR_FROM_NOMINAL = "the answer lies implausibly far from the nominal values: on another assembly, or a nominal value is wrong; give values nearer to the truth, or sense more joints"
     UNDETERMINED = (
         "the poses determine none of the parameters; record poses that differ more, in every joint"
     )

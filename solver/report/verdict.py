@@ -13,12 +13,15 @@ from typing import Literal
 from solver.estimate.trust_region import Status
 from solver.report.comparison import Compared
 from solver.report.findings import findings, limits
-from solver.report.misfit import judge, scatter, unseen_poses
+from solver.report.misfit import judge, scatter, unnoticed, unseen_poses
 from solver.report.notation import figures
 from solver.solve import Solution
 
 ACCEPTABLE_CONDITION = 100.0
 """Largest condition number, columns scaled, that counts as acceptable."""
+
+SHARP = 2.0
+"""Residuals this many times noise must be noticed before a misfit counts as a check of the model."""
 
 Grade = Literal["good", "caution", "bad"]
 
@@ -63,6 +66,7 @@ def verdict(solution: Solution, rows: Sequence[Compared]) -> Verdict:
         _misfit(solution),
         _poses(solution),
         _condition(solution),
+        *_alike(solution),
         *_unseen(solution),
     )
     grade: Grade = "good"
@@ -99,6 +103,7 @@ def certificate(solution: Solution) -> str:
 _NO_RESULT = {
     Status.UNEXPLAINED: "No result: the mechanism as described does not explain the readings.",
     Status.OUTLYING: "No result: a few poses contradict all the others.",
+    Status.FAR_FROM_NOMINAL: "No result: the answer found lies implausibly far from the nominal values.",
     Status.UNDETERMINED: "No result: these poses determine none of the parameters.",
 }
 
@@ -123,6 +128,18 @@ def _headline(solution: Solution) -> str:
             return "Calibrated; the readings fit better than their own noise should allow."
         case "unknown":
             return "Calibrated, with no reading to spare for checking the model."
+    hidden = unnoticed(estimate.freedoms)
+    if hidden > SHARP:
+        count = estimate.freedoms
+        return (
+            f"Calibrated, but hardly checked: with {count} degree{'' if count == 1 else 's'} of freedom to spare, "
+            f"residuals {figures(hidden, 2)} times sensor noise could pass unnoticed."
+        )
+    if estimate.correlation is not None and estimate.correlation.significant:
+        return (
+            "Calibrated, but neighbouring poses leave residuals that are alike: something that varies "
+            "with the pose is missing from the model."
+        )
     if not solution.scaled.condition <= ACCEPTABLE_CONDITION:
         return "Calibrated to sensor noise, but these poses show some parameters only weakly."
     return "Calibrated: the model explains the readings to within sensor noise."
@@ -148,8 +165,32 @@ def _misfit(solution: Solution) -> Fact:
         figures(solution.estimate.misfit),
         "no reading is left over to tell"
         if judged == "unknown"
-        else f"noise alone gives 1 ({low:.2f} to {high:.2f})",
-        "good" if judged == "noise" else "caution",
+        else f"noise alone gives 1 ({low:.2f} to {high:.2f}); {_power(solution)}",
+        "good"
+        if judged == "noise" and unnoticed(solution.estimate.freedoms) <= SHARP
+        else "caution",
+    )
+
+
+def _power(solution: Solution) -> str:
+    free = solution.estimate.freedoms
+    return (
+        f"{free} degree{'' if free == 1 else 's'} of freedom: residuals "
+        f"{figures(unnoticed(free), 2)} times noise would be noticed nine times in ten"
+    )
+
+
+def _alike(solution: Solution) -> tuple[Fact, ...]:
+    alike = solution.estimate.correlation
+    if alike is None or not alike.significant:
+        return ()
+    return (
+        Fact(
+            "Neighbouring poses",
+            figures(alike.score, 2),
+            "standard deviations by which their residuals are more alike than noise; intervals are wider for it",
+            "caution",
+        ),
     )
 
 

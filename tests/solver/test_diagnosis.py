@@ -122,3 +122,12 @@ def test_poses_that_hardly_differ_determine_only_in_part() -> None:
     solved = solve_table(load_rig("shoulder"), replace(table, counts=near))
     assert solved.identifiability.rank < 7
     assert len(result(solved)["unidentifiable"]) == 7 - solved.identifiability.rank
+
+
+def test_an_answer_far_from_what_the_rig_states() -> None:
+    table = pose_table("arm", seed=3)
+    # Reading q6 half a turn off, as an encoder does whose zero was lost.
+    counts = table.counts[:, 5] - 180 / 0.0439453125
+    solved = solve_table(load_rig("arm"), with_counts(table, {5: counts}))
+    assert solved.estimate.status is Status.FAR_FROM_NOMINAL
+    assert "joint6.theta_offset ends" in bad(solved, "far-from-nominal")
