@@ -86,9 +86,15 @@ def check_rig(rig: Rig) -> RigCheck:
     at = model.linearise(poses, space.nominal, space.expansion)
     observed = Observations(at.readings, np.tile(sigma, (len(poses), 1)))
     settled = settle(model, observed, poses, space.nominal, space.expansion)
+    firm = np.isfinite(settled.jacobian).all(axis=(1, 2))
+    if not firm.all():
+        mistakes.append(
+            f"{np.sum(~firm)} of {len(firm)} configurations around home are singular: axes coincide, or links are in "
+            "one line, so that joints turn against each other without effect. Choose another home or fixture"
+        )
     found = identifiability(
         space,
-        settled.jacobian.reshape(-1, len(space.names)),
+        settled.jacobian[firm].reshape(-1, len(space.names)),
         space.nominal,
         point_frames(rig),
     )

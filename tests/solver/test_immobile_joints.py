@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from recordings.rig import Rig, parameters, parse_rig
 from solver.dwells import Window
@@ -20,13 +21,13 @@ _S = (0.34, 0.0, 0.40, 0.0, 0.39, 0.0, 0.13)  # m
 _ALPHA = (-90.0, 90.0, 90.0, -90.0, -90.0, 90.0, 0.0)  # deg
 
 
-def anthropomorphic(constraint: str = "rigid", *, known: bool = False) -> Rig:
+def anthropomorphic(constraint: str = "rigid", *, known: bool = False, joints: int = 7) -> Rig:
     """Spherical shoulder, elbow, spherical wrist, the hand in a vice.
 
     ``known``: the place of the vice and all lengths but one are.
     """
     reached = np.eye(4)
-    for angle, s, alpha in zip(_HOME, _S, _ALPHA, strict=True):
+    for angle, s, alpha in list(zip(_HOME, _S, _ALPHA, strict=True))[:joints]:
         reached = reached @ turn(2, angle) @ shift(s) @ turn(0, alpha)
     R = reached[:3, :3]
     rx, ry = np.arctan2(R[2, 1], R[2, 2]), -np.arcsin(R[2, 0])
@@ -48,7 +49,9 @@ rx_rad = {angles[0]}
 ry_rad = {angles[1]}
 rz_rad = {angles[2]}
 """
-    for k, (angle, s, alpha) in enumerate(zip(_HOME, _S, _ALPHA, strict=True), start=1):
+    for k, (angle, s, alpha) in enumerate(
+        list(zip(_HOME, _S, _ALPHA, strict=True))[:joints], start=1
+    ):
         length = f"{{ nominal = {s}, uncertainty = 0.002, identify = true }}"
         text += f"""[[mechanism.joint]]
 name = "joint{k}"
@@ -57,7 +60,7 @@ theta_offset_deg = {{ nominal = 0, uncertainty = 1, identify = true }}
 s_m = {length if k == 3 or not known else s}
 alpha_deg = {alpha}
 """
-    for k in range(1, 8):
+    for k in range(1, joints + 1):
         text += f"""[[channel]]
 name = "q{k}"
 senses = "joint{k}"
@@ -136,3 +139,16 @@ def test_a_solve_says_that_the_mechanism_and_not_the_sensor_stands_still() -> No
     assert len(texts) == 1
     assert texts[0].startswith("Channel q4 reads the same at every pose: joint4 cannot move")
     assert "stuck" not in texts[0]
+
+
+def test_an_arm_in_one_line_is_singular_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(f"{__name__}._HOME", (0.0,) * 7)
+    found = check_rig(anthropomorphic("hinge", known=True))
+    (mistake,) = [m for m in found.mistakes if "singular" in m]
+    assert "Choose another home or fixture" in mistake
+
+
+def test_a_six_joint_arm_held_rigidly_cannot_move_at_all() -> None:
+    found = check_rig(anthropomorphic(known=True, joints=6))
+    assert found.mobility == 0
+    assert any("cannot move at all" in mistake for mistake in found.mistakes)
