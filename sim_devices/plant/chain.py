@@ -237,7 +237,10 @@ class Chain:
         Returns:
             (n, m) closure error [m for shifts, rad for turns when small]; (n, m, J) its rate.
         """
-        turns, frames, origins = self.reach(geometry, variables)
+        return self.closure_of(*self.reach(geometry, variables))
+
+    def closure_of(self, turns: Array, frames: Array, origins: Array) -> tuple[Array, Array]:
+        """`closure` of frames as `reach` gives them."""
         axis, end = frames[:, :-1, 2], frames[:, -1]
         turning = axis * self._turns_joint[:, None]
         error = np.empty((len(end), len(self._shifts) + self._turn_rows))

@@ -104,7 +104,7 @@ class ChainStatics:
         of_slide = mass * np.sum(axis * gravity[:, None], axis=2)
         work = np.where(self._revolute, of_turn, of_slide)
 
-        _, rate = self._chain.closure(geometry, variables)
+        _, rate = self._chain.closure_of(turns, frames, origins)
         held = np.eye(variables.shape[1])[self._held]
         rows = np.concatenate([np.broadcast_to(held, (len(rate), *held.shape)), rate], axis=1)
         borne = _least_squares(rows, -work)

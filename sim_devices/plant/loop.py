@@ -138,7 +138,8 @@ class Loop:
         left = np.full(len(out), np.inf)
         active = np.arange(len(out))
         for _ in range(12):
-            error, rate = self.closure(out[active], time_s[active])
+            asked, geometry = active, self.geometry(out[active], time_s[active])
+            error, rate = self._chain.closure(geometry, out[active])
             left[active] = np.abs(error).max(axis=1, initial=0.0)
             open_ = left[active] > CLOSED
             active = active[open_]
@@ -146,6 +147,10 @@ class Loop:
                 break
             motion = _least_motion(error[open_], rate[open_][:, :, ~held])
             out[np.ix_(active, ~held)] += motion
+            if self._effects:
+                # Loads cost more than a correction: a second one before they are asked again.
+                error, rate = self._chain.closure(geometry, out[asked])
+                out[np.ix_(asked, ~held)] += _least_motion(error, rate[:, :, ~held])
         return out, left
 
     def follow(

@@ -28,7 +28,8 @@ def read_values(
     """
     settings = settings or {}
     known = {**coefficients, **settings}
-    expected = ", ".join(f"{part} ({dimension})" for part, dimension in known.items())
+    listed = [f"{part} ({dimension})" for part, dimension in known.items()]
+    expected = ", ".join(listed if len(listed) < 10 else [*listed[:3], "...", *listed[-2:]])
     for part, quantity in effect.values.items():
         if part not in known:
             raise BadEffect(
@@ -45,7 +46,7 @@ def read_values(
     if coefficients and not any(part in effect.values for part in coefficients):
         raise BadEffect(
             f"the effect '{effect.label}' of the rig has none of its coefficients: "
-            f"{', '.join(coefficients)}; give at least one"
+            f"{', '.join(list(coefficients)[:6])}; give at least one"
         )
     return {part: values.get(f"{effect.label}.{part}", 0.0) for part in known}
 

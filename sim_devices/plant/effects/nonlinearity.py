@@ -6,7 +6,7 @@ from the best straight line over full scale, in percent of full scale; a plain n
 m] is the RMS departure from the best straight line over the travel that the plan uses. Truth
 tells the latter in both cases.
 
-Described, it is a sum of Legendre polynomials P2 ... P6, by Bonnet's recurrence
+Described, it is a sum of Legendre polynomials from P2 on, by Bonnet's recurrence
 (n + 1) P_n+1 = (2 n + 1) x P_n - n P_n-1.
 """
 
@@ -32,7 +32,7 @@ from sim_devices.plant.quaternion import Array
 
 _POINTS = 9
 _DENSE = 400
-_DEGREES = range(2, 7)
+_DEGREES = range(2, 41)
 
 Departure = Callable[[Array], Array]
 """Seen minus true value, at true values (n,) [rad or m]."""
@@ -102,11 +102,12 @@ class Nonlinearity(Effect):
         check_place(effect, channel_names(rig))
         dimension = channel_dimension(rig, effect.where)
         parts = {f"p{n}": dimension for n in _DEGREES}
+        last = max((n for n in _DEGREES if f"p{n}" in effect.values), default=2)
         true = read_values(effect, values, parts, {"low": dimension, "high": dimension})
         if not true["low"] < true["high"]:
             raise BadEffect(f"the effect '{effect.label}' of the rig has 'high' not above 'low'")
         unit, to_si = channel_unit(rig, effect.where)
-        bent = _legendre([true[part] for part in parts], true["low"], true["high"])
+        bent = _legendre([true[f"p{n}"] for n in range(2, last + 1)], true["low"], true["high"])
         scale = np.linspace(true["low"], true["high"], _DENSE)
         return cls(effect.where, rms_about_line(scale, bent(scale)) / to_si, unit, bent)
 
@@ -128,7 +129,7 @@ def _legendre(coefficients: list[float], low: float, high: float) -> Departure:
     def bent(value: Array) -> Array:
         x = (2 * value - low - high) / (high - low)
         before, now, total = x, (3 * x * x - 1) / 2, np.zeros_like(x)
-        for n, coefficient in zip(_DEGREES, coefficients, strict=True):
+        for n, coefficient in enumerate(coefficients, start=2):
             total = total + coefficient * now
             before, now = now, ((2 * n + 1) * x * now - n * before) / (n + 1)
         return np.asarray(total)
