@@ -89,7 +89,7 @@ def check_rig(rig: Rig) -> RigCheck:
     firm = np.isfinite(settled.jacobian).all(axis=(1, 2))
     if not firm.all():
         mistakes.append(
-            f"{np.sum(~firm)} of {len(firm)} configurations around home are singular: axes coincide, or links are in "
+            f"{np.sum(~firm)} of {len(poses)} configurations around home are singular: axes coincide, or links are in "
             "one line, so that joints turn against each other without effect. Choose another home or fixture"
         )
     found = identifiability(
