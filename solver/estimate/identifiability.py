@@ -64,7 +64,8 @@ def plausible_error(space: ParameterSpace) -> Array:
     for i in space.identified:
         p = space.table[i]
         natural = {"angle": 0.5, "length": 0.5 * size}.get(p.dimension, 0.5 * abs(p.nominal))
-        out.append(natural)
+        # A ratio, a rate or a compliance has no natural size, and may well be nominally zero.
+        out.append(natural or 10.0 * (p.uncertainty or 0.1))
     return np.array(out)
 
 

@@ -29,7 +29,7 @@ def traces(fit: Fit, effects: Sequence[Effect]) -> list[Array]:
     closures = here.closure.shape[1]
     gain = fit.parameters[model.sensing.gain]
     values = fit.values
-    moved = [effect.moved(np.zeros(len(effect.coefficients)), at, poses) for effect in effects]
+    moved = [effect.moved(_start(effect), at, poses) for effect in effects]
     targets = np.unique(
         np.concatenate([np.zeros(0, dtype=np.intp), *(m.targets for m in moved if m is not None)])
     )
@@ -39,10 +39,10 @@ def traces(fit: Fit, effects: Sequence[Effect]) -> list[Array]:
     widths: list[int] = []
     for effect, move in zip(effects, moved, strict=True):
         k = len(effect.coefficients)
-        coded = effect.coded(here.readings, np.zeros(k), at)
+        coded = effect.coded(here.readings, _start(effect), at)
         D = np.zeros((poses, channels, 1 if coded is not None else k))
         Cx = np.zeros((poses, closures, D.shape[2]))
-        seen = effect.seen(values, np.zeros(k), at)
+        seen = effect.seen(values, _start(effect), at)
         if seen is not None:
             D[:, seen.targets] += seen.by_coefficients / gain[seen.targets][:, None]
         if move is not None:
@@ -64,6 +64,15 @@ def traces(fit: Fit, effects: Sequence[Effect]) -> list[Array]:
     )
     flat = -residual.reshape(poses * channels, -1)
     return np.split(flat, np.cumsum(widths)[:-1], axis=1)
+
+
+def codes(fit: Fit, effect: Effect) -> bool:
+    """Whether ``effect`` changes codes, and so has no small form."""
+    return effect.coded(fit.observed.counts, _start(effect), fit.at) is not None
+
+
+def _start(effect: Effect) -> Array:
+    return np.array([c.start for c in effect.coefficients])
 
 
 def _by_parameters(fit: Fit, targets: NDArray[np.intp]) -> tuple[Array, Array]:

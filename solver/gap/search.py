@@ -1,0 +1,280 @@
+"""The search for what is missing: add, refit, drop what became needless, swap for every rival.
+
+An effect is a possible name when the model that it grows leaves nothing significant behind.
+One possible name is a name; several are a group that this data cannot tell apart. Where no
+single effect is enough, the best goes in and the search goes on, up to four; then each is
+swapped for every rival in turn. What still stands out after that is none of the known effects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.effects.effect import Array, Effect
+from solver.gap.candidates import Candidate, Untestable, candidates
+from solver.gap.fit import Fit, extended, without
+from solver.gap.score import Form, forms
+from solver.gap.screen import Screen, Threshold, screen, threshold
+
+MOST = 4
+"""Effects that one analysis names at most."""
+
+LEVEL = 0.05
+"""How often nothing at all may look like something."""
+
+MORE = 0.01
+"""The same for something beside what is named already: a second name needs more evidence."""
+
+_NAMEABLE = 0.01  # kappa below which geometry absorbs an effect
+_RIVALS = 8  # candidates that are refitted in full, at most
+_MARGIN = 30.0  # noise units of chi-square by which a rival may explain less and still be refitted
+_SHARE = 0.05  # or this share of the best
+_SHAPE = 0.03  # of a named effect's chi-square: less, at the same place, is its shape, not another effect
+_IMPOSSIBLE = 3.0  # standard errors beyond a physical bound
+
+
+@dataclass(frozen=True)
+class Look:
+    """One fit with every candidate held against its residual."""
+
+    fit: Fit
+    candidates: tuple[Candidate, ...]
+    untestable: tuple[Untestable, ...]
+    forms: tuple[Form, ...]
+    screen: Screen
+
+    def significant(self, level: float) -> bool:
+        """Whether anything stands out."""
+        return self.screen.p <= level
+
+    def form(self, candidate: int) -> Form:
+        """Its most significant form."""
+        form: Form = self.forms[self.screen.best_form[candidate]]
+        return form
+
+    def statistic(self, candidate: int) -> float:
+        """Its score statistic, in units of the assumed noise."""
+        return float(self.screen.scores.statistic[self.screen.best_form[candidate]])
+
+
+@dataclass(frozen=True)
+class Possible:
+    """A candidate that was added, and what it left.
+
+    Attributes:
+        effect: in the form that fits best.
+        after: the model with it.
+        log_evidence: against the model without.
+        explained: chi-square that it took away, in units of the noise that is left.
+        retained: kappa of its trace.
+        enough: whether nothing significant is left.
+    """
+
+    effect: Effect
+    after: Look
+    log_evidence: float
+    explained: float
+    retained: float
+    enough: bool
+
+
+@dataclass(frozen=True)
+class Named:
+    """One effect of the answer, with all effects that could stand in its place, best first."""
+
+    best: Possible
+    rivals: tuple[Possible, ...]
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a search found.
+
+    Attributes:
+        before: the model as it was.
+        after: the model with all named effects; the same where nothing was found.
+        named: the effects.
+        complete: whether nothing significant is left.
+    """
+
+    before: Look
+    after: Look
+    named: tuple[Named, ...]
+    complete: bool
+
+
+Progress = Callable[[str], None]
+
+
+def look(fit: Fit, rng: np.random.Generator, limits: Threshold | None = None) -> Look:
+    """``fit`` with every candidate held against its residual.
+
+    Args:
+        fit: the model.
+        rng: for the draws.
+        limits: what noise does, from a model much like this one; drawn anew by default.
+    """
+    tested, hopeless = candidates(fit)
+    labels = [c.label for c in tested]
+    found = tuple(form for form in forms(fit, tested) if form.retained >= _NAMEABLE)
+    limits = threshold(fit, found, labels, rng) if limits is None else limits
+    return Look(fit, tested, hopeless, found, screen(fit, found, labels, limits))
+
+
+def search(fit: Fit, rng: np.random.Generator, progress: Progress = lambda text: None) -> Search:
+    """Look for effects that are missing from ``fit``.
+
+    Args:
+        fit: the model as it is.
+        rng: for the draws.
+        progress: is told what is being tried.
+    """
+    progress("screening")
+    before = now = look(fit, rng)
+    chosen: list[Possible] = []
+    first: list[Possible] = []
+    while (
+        now.significant(MORE if chosen else LEVEL)
+        and len(chosen) < MOST
+        and not _shape_only(now, chosen)
+    ):
+        found = possible(now, rng, progress)
+        if not found:
+            break
+        first = first or found
+        best = next((p for p in found if p.enough), found[0])
+        chosen.append(best)
+        now = best.after
+    if not chosen:
+        return Search(before, before, (), not before.significant(LEVEL))
+    complete = not now.significant(MORE) or _shape_only(now, chosen)
+    if len(chosen) == 1:
+        return Search(before, now, (_named(chosen[0], [p for p in first if p.enough]),), complete)
+    named: list[Named] = []
+    for number in range(len(now.fit.effects) - len(chosen), len(now.fit.effects)):
+        reduced = without(now.fit, number)
+        if reduced is None:
+            continue
+        around = look(reduced, rng)
+        if not around.significant(MORE):
+            now = around  # the others have made it needless
+            continue
+        rivals = [p for p in possible(around, rng, progress) if p.enough]
+        mine = now.fit.effects[number].label
+        own = next((p for p in rivals if p.effect.label == mine), None)
+        named.append(_named(own or (rivals[0] if rivals else chosen[len(named)]), rivals))
+    return Search(before, now, tuple(named), complete)
+
+
+def _named(best: Possible, rivals: Sequence[Possible]) -> Named:
+    ordered = sorted(rivals, key=lambda p: -p.log_evidence)
+    first = ordered[0] if ordered and best.enough else best
+    return Named(first, tuple(p for p in ordered if p.effect.label != first.effect.label))
+
+
+def possible(now: Look, rng: np.random.Generator, progress: Progress) -> list[Possible]:
+    """The candidates that come into question, each added and refitted, best evidence first."""
+    statistics = np.array([now.statistic(i) for i in range(len(now.candidates))])
+    if not len(statistics):
+        return []
+    noise = now.fit.rss / max(now.fit.freedoms, 1)
+    best = float(statistics.max())
+    left = max(now.fit.rss - best, 0.0) / max(now.fit.freedoms, 1)
+    near = statistics >= best - max(_MARGIN * min(noise, max(left, 1e-12)), _SHARE * best)
+    order = [i for i in np.argsort(-now.screen.log_evidence) if near[i] and statistics[i] > 0]
+    out: list[Possible] = []
+    most, limits = 0.0, None
+    for i in order[:_RIVALS]:
+        progress(f"trying {now.candidates[i].label}")
+        fit = _refitted(now, int(i))
+        if fit is None or fit.rss > now.fit.rss:
+            continue
+        explained = (now.fit.rss - fit.rss) / max(fit.rss / max(fit.freedoms, 1), 1e-300)
+        if explained < min(most - _MARGIN, (1.0 - _SHARE) * most):
+            continue  # the best one would stand out behind it
+        added = _added(now, int(i), fit, explained, rng, limits)
+        limits = added.after.screen.threshold if limits is None and added.enough else limits
+        most = max(most, explained)
+        out.append(added)
+    return sorted(out, key=lambda p: -p.log_evidence)
+
+
+def _refitted(now: Look, candidate: int) -> Fit | None:
+    """The fit of ``now`` with one candidate more; None where there is none that could be."""
+    form = now.form(candidate)
+    if not form.basis.shape[1]:
+        return None
+    shape = form.effect.coefficients
+    start = np.array([c.start for c in shape])
+    if not form.whole:
+        start = np.linalg.lstsq(form.trace, now.fit.residual.ravel(), rcond=1e-6)[0]
+    bounds = np.array([[c.low, c.high] for c in shape]).reshape(len(shape), 2)
+    fit = extended(now.fit, form.effect, np.clip(start, bounds[:, 0], bounds[:, 1]))
+    return None if fit is None or _unphysical(fit) else fit
+
+
+def _added(
+    now: Look,
+    candidate: int,
+    fit: Fit,
+    explained: float,
+    rng: np.random.Generator,
+    limits: Threshold | None,
+) -> Possible:
+    form, after = now.form(candidate), look(fit, rng, limits)
+    linear = float(now.screen.scores.log_evidence[now.screen.best_form[candidate]])
+    spread = float(now.screen.log_evidence[candidate]) - linear
+    # The evidence of the linear model, with the misfit that the full refit reached in its place.
+    gain = explained / 2.0 - now.statistic(candidate) / (2.0 * _noise_of(now))
+    return Possible(
+        form.effect,
+        after,
+        linear + spread + gain,
+        explained,
+        form.retained,
+        not after.significant(MORE) or _only_shape(after, explained),
+    )
+
+
+def _noise_of(now: Look) -> float:
+    best = float(now.screen.scores.statistic.max(initial=0.0))
+    return float(max((now.fit.rss - best) / max(now.fit.freedoms - 1, 1), 1e-300))
+
+
+def _unphysical(fit: Fit) -> bool:
+    """Whether the last effect came out beyond its physical bounds, by more than noise explains."""
+    number = len(fit.effects) - 1
+    scale = np.sqrt(max(fit.rss / max(fit.freedoms, 1), 1e-300))
+    values, errors = fit.coefficients(number), fit.standard_errors(number, scale)
+    for c, value, error in zip(fit.effects[number].coefficients, values, errors, strict=True):
+        if not c.low - _IMPOSSIBLE * error <= value <= c.high + _IMPOSSIBLE * error:
+            return True
+    return False
+
+
+def _shape_only(now: Look, chosen: Sequence[Possible]) -> bool:
+    """Whether what stands out is but the shape of effects that are named already.
+
+    A strong effect is never exactly of the form that a model gives it; what is left then stands
+    out at the same place, far smaller.
+    """
+    return bool(chosen) and _only_shape(now, max(p.explained for p in chosen))
+
+
+def _only_shape(now: Look, largest: float) -> bool:
+    standing_out = now.screen.significant(MORE)
+    standing = [i for i in range(len(now.candidates)) if standing_out[i]]
+    if not standing:
+        return False
+    left = now.fit.rss / max(now.fit.freedoms, 1)
+    return all(now.statistic(i) / left < _SHAPE * largest for i in standing)
+
+
+def coefficients_at(search: Search, number: int) -> tuple[Array, Array]:
+    """(k,) coefficients and standard errors of an effect in the final model."""
+    fit = search.after.fit
+    scale = float(np.sqrt(fit.rss / max(fit.freedoms, 1)))
+    return fit.coefficients(number), fit.standard_errors(number, scale)
