@@ -26,6 +26,7 @@ from recordings.writer import Writer
 from sim_devices.plant.creation import make_nature
 from sim_devices.plant.errors import CannotSimulate
 from sim_devices.plant.nature import Nature
+from sim_devices.plant.noise import Noise
 from sim_devices.plant.seeds import ARRIVAL, NOISE, SESSION, stream
 from sim_devices.plant.session import Played, plan_of, play
 from sim_devices.plant.stop import Stop
@@ -54,6 +55,7 @@ def simulate(
     seed: int = 1,
     hide: Sequence[str] = (),
     truth_path: str | Path | None = None,
+    noise: Noise | None = None,
 ) -> Truth:
     """Write the recording of a simulated session.
 
@@ -65,6 +67,7 @@ def simulate(
         seed: of all that is random, 0 or above.
         hide: effects at work, each ``NAME@WHERE=SIZE`` or ``random``.
         truth_path: file to create with the truth, or None.
+        noise: of the readings; by default white and normal.
 
     Returns:
         What the rig really was.
@@ -89,20 +92,23 @@ def simulate(
         notes="simulated without wires",
     )
     with Writer(path, rig_toml, session) as writer:
-        _write(writer, nature, played)
+        _write(writer, nature, played, noise or Noise())
     if truth_path is not None:
         write_truth(nature.truth, truth_path)
     return nature.truth
 
 
-def _write(writer: Writer, nature: Nature, played: Played) -> None:
+def _write(writer: Writer, nature: Nature, played: Played, noise: Noise) -> None:
     """All events, a stretch of readings and then what happened at its end, stop by stop."""
     time_s = played.course.time_s
     arrivals = _arrivals(nature, time_s)
     readings = []
     for k, channel in enumerate(nature.rig.channels):
-        rng = stream(nature.truth.seed, NOISE, k)
-        raw = nature.sensors[channel.name].counts(played.course, rng)
+        seed = nature.truth.seed
+        rng = stream(seed, NOISE, k)
+        off = noise.samples(rng, len(time_s))
+        off = off + noise.of_visits(seed, k, time_s, played.stops, plan_of(nature))
+        raw = nature.sensors[channel.name].counts(played.course, rng, off)
         readings.append((channel.name, raw, *arrivals[channel.device or channel.name]))
     for event in _setting_out(nature):
         writer.write(event)

@@ -15,6 +15,7 @@ HAND = 4
 NOISE = 5
 ARRIVAL = 6
 SESSION = 7
+VISITS = 8
 
 
 def stream(seed: int, purpose: int, number: int = 0) -> np.random.Generator:
