@@ -41,12 +41,16 @@ mechanism = cache(Mechanism.named)
 
 @dataclass(frozen=True)
 class Run:
-    """One session: its bound (n,) and, for each method, errors (n,), standard errors (n,) and misfit."""
+    """One session: its bound (n,) and, for each method, errors (n,), standard errors (n,) and misfit.
+
+    ``widened`` says for which methods the intervals were made wider than noise makes them.
+    """
 
     bound: Array
     errors: dict[str, Array]
     claimed: dict[str, Array]
     misfit: dict[str, float]
+    widened: dict[str, bool]
 
 
 def run(name: str, seed: int) -> Run:
@@ -72,6 +76,10 @@ def run(name: str, seed: int) -> Run:
         {method: e.values - true for method, e in estimates.items()},
         {method: e.standard_errors for method, e in estimates.items()},
         {method: e.misfit for method, e in estimates.items()},
+        {
+            method: e.inflation > 1.0 or (e.correlation is not None and e.correlation.significant)
+            for method, e in estimates.items()
+        },
     )
 
 
@@ -87,6 +95,7 @@ def tell(name: str, results: list[Run]) -> bool:
         "lowest",
         "highest",
         "misfit",
+        "widened",
     ):
         summary.add_column(heading, justify="left" if heading == "method" else "right")
     bound = np.array([r.bound for r in results])
@@ -105,6 +114,7 @@ def tell(name: str, results: list[Run]) -> bool:
             f"{100 * covered[method].min():.1f} %",
             f"{100 * covered[method].max():.1f} %",
             f"{np.mean([r.misfit[method] for r in results]):.3f}",
+            f"{100 * np.mean([r.widened[method] for r in results]):.1f} %",
         )
     console.print(summary)
     each = Table(title=f"{name}: each parameter")

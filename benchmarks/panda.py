@@ -27,14 +27,21 @@ from solver.estimate import likelihood
 from solver.estimate.estimate import Estimate
 from solver.estimate.nuisance import Observations
 from solver.estimate.robust import Loss
-from solver.mechanism.model import Model, model_of
+from solver.mechanism.circumstances import Circumstances
+from solver.mechanism.model import model_of
+from solver.mechanism.serial import SerialModel
 from solver.mechanism.space import ParameterSpace
 
 Array = NDArray[np.float64]
 
 DATA = Path(__file__).parent / "data" / "panda_ball_joint"
 TRAINED = "front_center"
-PLACES = tuple(sorted(p.name for p in (DATA / "panda_2_clean").iterdir()))
+ARMS = {
+    arm: tuple(sorted(p.name for p in (DATA / arm).iterdir()))
+    for arm in ("panda_2_clean", "panda_3")
+}
+PLACES = ARMS["panda_2_clean"]
+FOLDER = {place: DATA / arm / place for arm, places in ARMS.items() for place in places}
 JOINTS = 7
 DISTANCE = (
     '[[mechanism.distance]]\nbetween = ["hole_0", "hole_1"]\n'
@@ -93,9 +100,7 @@ def rig_of(choice: Choice, *, distance: bool = True) -> Rig:
 
 def poses(place: str) -> tuple[Array, NDArray[np.intp]]:
     """Joint angles (P, 7) [rad] at ``place``, and in which socket each was taken (P,)."""
-    both = [
-        np.loadtxt(DATA / "panda_2_clean" / place / f"hole_{k}.csv", delimiter=",") for k in (0, 1)
-    ]
+    both = [np.loadtxt(FOLDER[place] / f"hole_{k}.csv", delimiter=",") for k in (0, 1)]
     return np.vstack(both), np.repeat([0, 1], [len(angles) for angles in both]).astype(np.intp)
 
 
@@ -103,14 +108,15 @@ def observed(places: tuple[str, ...], choice: Choice) -> Observations:
     angles, sockets = poses(places[0])
     counts = np.hstack([angles / COUNT, np.zeros((len(angles), 3))])
     sigma = np.array([choice.noise_rad] * JOINTS + [choice.play_m] * 3) / COUNT
-    return Observations(counts, np.tile(sigma, (len(counts), 1)), sockets)
+    return Observations(counts, np.tile(sigma, (len(counts), 1)), Circumstances(sockets))
 
 
 @dataclass(frozen=True)
 class Fit:
     """A calibration from one place."""
 
-    model: Model
+    choice: Choice
+    model: SerialModel
     observed: Observations
     estimate: Estimate
     took_s: float
@@ -120,7 +126,7 @@ class Fit:
         """Log marginal likelihood of the place, up to a constant."""
         estimate, space = self.estimate, self.estimate.space
         at = self.model.linearise(
-            estimate.coordinates, estimate.parameters, space.expansion, self.observed.fixture
+            estimate.coordinates, estimate.parameters, space.expansion, self.observed.at
         )
         gains = np.array([p.nominal for p in space.table if p.name.endswith(".gain")])
         spread = at.closure_by_coordinates * (self.observed.sigma * gains)[:, None, :]
@@ -142,6 +148,35 @@ class Fit:
         u = np.hstack([angles + offsets, np.zeros((len(angles), 3))])
         return self.model.end_pose(u, x, np.zeros((len(x), 0))).position, sockets
 
+    def elsewhere(self, place: str, covariance: Array) -> float:
+        """Chi-square per degree of freedom at ``place``: noise, and the covariance (n, n) of the parameters."""
+        seen, x, space = (
+            observed((place,), self.choice),
+            self.estimate.parameters,
+            self.estimate.space,
+        )
+        u = self.model.sensing.values(seen.counts, x)
+        end = self.model.end_pose(u, x, space.expansion)
+        by_values = end.by_coordinates[:, :3]
+        slopes = end.by_parameters[:, :3] + by_values @ self.model.sensing.by_parameters(
+            seen.counts, space.expansion
+        )
+        noisy = by_values * (x[self.model.sensing.gain] * seen.sigma)[:, None, :]
+        sockets, total, freedoms = poses(place)[1], 0.0, 0
+        for k in (0, 1):
+            rows = np.flatnonzero(sockets == k)
+            tall = slopes[rows].reshape(3 * len(rows), -1)
+            spread = tall @ covariance @ tall.T
+            for i, pose in enumerate(rows):
+                spread[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] += noisy[pose] @ noisy[pose].T
+            where, right = np.tile(np.eye(3), (len(rows), 1)), end.position[rows].ravel()
+            weighted = np.linalg.solve(spread, np.column_stack([where, right]))
+            socket = np.linalg.solve(where.T @ weighted[:, :3], where.T @ weighted[:, 3])
+            left = right - where @ socket
+            total += float(left @ np.linalg.solve(spread, left))
+            freedoms += 3 * len(rows) - 3
+        return total / freedoms
+
     def error_mm(self, place: str) -> float:
         """Mean distance of tip positions from the mean of their socket."""
         at, sockets = self.tips(place)
@@ -160,7 +195,8 @@ def fit(place: str, choice: Choice, *, distance: bool = True, loss: Loss = Loss.
     seen = observed((place,), choice)
     start = time.perf_counter()
     estimate = likelihood.identify(model, space, seen, use_priors=True, loss=loss)
-    return Fit(model, seen, estimate, time.perf_counter() - start)
+    assert isinstance(model, SerialModel)
+    return Fit(choice, model, seen, estimate, time.perf_counter() - start)
 
 
 def others(found: Fit, trained: str = TRAINED) -> list[float]:
@@ -176,8 +212,36 @@ def held_out(place: str, choice: Choice) -> tuple[float, float]:
     length = float(np.linalg.norm(apart))
     along = np.zeros(len(names))
     along[ends[1]], along[ends[0]] = apart / length, -apart / length
-    error = estimate.inflation * float(np.sqrt(along @ estimate.covariance @ along))
+    error = float(np.sqrt(along @ estimate.spread @ along))
     return 1e3 * length, 1e3 * error
+
+
+def intervals(arm: str, places: tuple[str, ...], choice: Choice) -> None:
+    """Print how honest intervals from each place alone are: at the other places, and of the socket distance."""
+    print(f"\n{arm}: each place calibrated alone")
+    print(
+        f"{'place':16}{'misfit':>8}{'alike':>8}{'chi2 elsewhere: noise, widened':>34}   socket distance held out [mm]"
+    )
+    misses, shown = [], []
+    for place in places:
+        found = fit(place, choice)
+        estimate = found.estimate
+        alike = 0.0 if estimate.correlation is None else estimate.correlation.score
+        chi2 = [
+            float(np.mean([found.elsewhere(other, spread) for other in places if other != place]))
+            for spread in (estimate.covariance, estimate.spread)
+        ]
+        shown.append(chi2)
+        apart, error = held_out(place, choice)
+        misses.append((apart - 50.0) / error)
+        print(
+            f"{place:16}{estimate.misfit:8.2f}{alike:8.1f}{chi2[0]:24.2f}{chi2[1]:10.2f}"
+            f"{apart:12.3f} +- {error:.3f} ({misses[-1]:+.1f})"
+        )
+    inside = sum(abs(miss) < 1.96 for miss in misses)
+    mean = np.mean(shown, axis=0)
+    print(f"chi2 elsewhere, mean: {mean[0]:.2f} by noise alone, {mean[1]:.2f} with wider intervals")
+    print(f"95 % intervals that hold 50.0: {inside} of {len(places)}")
 
 
 def main() -> None:
@@ -199,14 +263,8 @@ def main() -> None:
     print(f"\n{'place':16}{'error [mm]':>12}{'socket distance [mm], known as 50.0':>40}")
     for place in PLACES:
         print(f"{place:16}{robust.error_mm(place):12.3f}{robust.apart_mm(place):40.3f}")
-    print("\nsocket distance held out, each place calibrated alone [mm]; known: 50.0")
-    misses = []
-    for place in PLACES:
-        apart, error = held_out(place, best)
-        misses.append((apart - 50.0) / error)
-        print(f"{place:16}{apart:12.3f} +- {error:.3f}   {misses[-1]:+.1f} standard errors")
-    inside = sum(abs(miss) < 1.96 for miss in misses)
-    print(f"95 % intervals that hold 50.0: {inside} of {len(PLACES)}")
+    for arm, places in ARMS.items():
+        intervals(arm, places, best)
     print(f"misfit of {TRAINED}: {plain.estimate.misfit:.2f}")
     ratio = np.mean(others(robust)) / robust.error_mm(TRAINED)
     print(

@@ -118,10 +118,10 @@ def result(solution: Solution) -> dict[str, Any]:
 
 
 def _covariance(estimate: Estimate) -> dict[str, Any]:
-    """Of the identified parameters, in the units shown, inflated like the standard errors."""
+    """Of the identified parameters, in the units shown: that behind the standard errors."""
     space = estimate.space
-    scale = np.array([estimate.inflation / space.table[i].to_si for i in space.identified])
-    matrix = estimate.covariance * scale[:, None] * scale
+    scale = np.array([1.0 / space.table[i].to_si for i in space.identified])
+    matrix = estimate.spread * scale[:, None] * scale
     return {
         "parameters": list(space.names),
         "matrix": [[_number(float(v)) for v in row] for row in matrix],

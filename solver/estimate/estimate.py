@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from solver.estimate.correlation import Correlation
 from solver.estimate.robust import DOWNWEIGHTED, Loss
 from solver.estimate.trust_region import Status
 from solver.mechanism.space import ParameterSpace
@@ -45,6 +46,8 @@ class Estimate:
             ``residual`` and ``jacobian`` carry their roots.
         loss: that gave the weights.
         priors: whether the rig's stated uncertainties took part.
+        correlation: what the residuals of neighbouring poses share; None where that was not
+            looked at, or too little is left over to tell.
     """
 
     method: str
@@ -63,6 +66,7 @@ class Estimate:
     weights: Array | None = None
     loss: Loss = Loss.NONE
     priors: bool = False
+    correlation: Correlation | None = None
 
     @property
     def values(self) -> Array:
@@ -88,6 +92,16 @@ class Estimate:
         return float(np.sqrt(self.misfit)) if self.misfit > limit else 1.0
 
     @property
+    def spread(self) -> Array:
+        """(n, n) covariance behind the standard errors, SI.
+
+        That of reading noise, inflated where the misfit asks for it, and what errors that
+        neighbouring poses share add where there are any (`correlation`).
+        """
+        spread = self.inflation**2 * self.covariance
+        return spread if self.correlation is None else spread + self.correlation.widening
+
+    @property
     def standard_errors(self) -> Array:
-        """(n,) standard errors, SI, inflated where the misfit asks for it."""
-        return self.inflation * np.sqrt(np.diag(self.covariance))
+        """(n,) standard errors, SI: the roots of the diagonal of `spread`."""
+        return np.asarray(np.sqrt(np.diag(self.spread)))

@@ -15,7 +15,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.effects.grown import Grown
 from solver.estimate.closing import approach
+from solver.estimate.correlation import correlation
 from solver.estimate.estimate import Estimate
 from solver.estimate.holding import minimise_held
 from solver.estimate.identifiability import covariance
@@ -62,6 +64,8 @@ def identify(
     believed = np.isfinite(prior[1]) if use_priors else np.zeros(len(space.names), dtype=bool)
     if isinstance(model, SerialModel):
         begin, first = approach(model, space, observed, begin, use_priors=use_priors)
+    elif isinstance(model, Grown):
+        begin, first = _without_effects(model, space, observed, begin, use_priors)
     else:
         first = assemble(model, observed, begin)
     closures = model.linearise(first[:1], begin, space.expansion).closure.shape[1]
@@ -110,6 +114,7 @@ def identify(
             weight,
             loss=loss,
             priors=use_priors,
+            judged=None,
         )
     usual = None
     for _ in range(_REWEIGHTINGS if loss is not Loss.NONE else 0):
@@ -130,7 +135,28 @@ def identify(
         steps = minimum.iterations + again.iterations
         minimum, weight = replace(again, iterations=steps), renewed
     parameters = space.expand(minimum.variables, begin)
-    return _estimate(space, parameters, minimum, freedoms, weight, loss=loss, priors=use_priors)
+    return _estimate(
+        space,
+        parameters,
+        minimum,
+        freedoms,
+        weight,
+        loss=loss,
+        priors=use_priors,
+        judged=(model, observed),
+    )
+
+
+def _without_effects(
+    model: Grown, space: ParameterSpace, observed: Observations, begin: Array, use_priors: bool
+) -> tuple[Array, Array]:
+    """Parameters (N,) and coordinates (P, U) to start from: an arm's as if there were no effects."""
+    plain, some = model.without_effects(space)
+    if isinstance(plain, SerialModel) and some.names:
+        near = begin[: model.named]
+        near, first = approach(plain, some, observed, near, use_priors=use_priors)
+        return np.concatenate([near, begin[model.named :]]), first
+    return begin, assemble(model, observed, begin)
 
 
 def _estimate(
@@ -142,6 +168,7 @@ def _estimate(
     *,
     loss: Loss,
     priors: bool,
+    judged: tuple[Model, Observations] | None,
 ) -> Estimate:
     residual, jacobian = minimum.last.residual, minimum.last.jacobian
     settled = minimum.last.state[1]
@@ -150,6 +177,14 @@ def _estimate(
     pseudo = len(residual) - poses * channels
     free = poses * (channels - freedoms) - found.rank + pseudo
     expected = free * loss.expected(channels - freedoms)
+    misfit = float(residual @ residual) / expected if free > 0 else float("nan")
+    alike = None
+    if judged is not None:
+        root = np.sqrt(weight)[:, None]
+        weighted = replace(
+            settled, residual=settled.residual * root, jacobian=settled.jacobian * root[:, :, None]
+        )
+        alike = correlation(*judged, weighted, parameters, cov)
     return Estimate(
         method=NAME,
         space=space,
@@ -161,9 +196,10 @@ def _estimate(
         residual=residual,
         coordinates=settled.coordinates,
         freedoms=free,
-        misfit=float(residual @ residual) / expected if free > 0 else float("nan"),
+        misfit=misfit,
         held=found.held,
         weights=weight,
         loss=loss,
         priors=priors,
+        correlation=alike,
     )

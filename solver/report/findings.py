@@ -88,7 +88,7 @@ def _where_the_misfit_shows(solution: Solution) -> list[str]:
 def _worst_combination(solution: Solution) -> list[str]:
     estimate, space = solution.estimate, solution.estimate.space
     plausible = solution.identifiability.plausible
-    relative = estimate.covariance / np.outer(plausible, plausible)
+    relative = estimate.spread / np.outer(plausible, plausible)
     if not np.isfinite(relative).all():
         return []
     values, vectors = np.linalg.eigh(relative)
@@ -99,7 +99,7 @@ def _worst_combination(solution: Solution) -> list[str]:
     moves = []
     for j in members:
         unit = unit_of(space.table[space.identified[j]])
-        size = estimate.inflation * np.sqrt(values[-1])
+        size = np.sqrt(values[-1])
         move = float(size * direction[j] * plausible[j] / unit.to_si)
         moves.append(
             f"{space.names[j]} {signed(move, min(decimals_for(abs(move)), 6))} {unit.name}"
@@ -132,6 +132,13 @@ def limits(solution: Solution) -> list[str]:
         errors = (
             "What the model lacks. Standard errors are "
             f"{figures(inflation, 2)} times those of sensor noise to allow for it, but an error of the model can move a parameter by more."
+        )
+    alike = solution.estimate.correlation
+    if alike is not None and alike.significant:
+        errors = (
+            "What the model lacks. Neighbouring poses leave residuals that are alike, so standard errors are "
+            "widened by errors that poses share; they hold where poses like these are used and only as far as "
+            "the model does: elsewhere, or in another fixture, an error of the model can move the result by more."
         )
     out = [
         errors,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from solver.solve import Solution
 
@@ -36,6 +37,18 @@ def scatter(solution: Solution) -> float:
     """Standard deviation of chi-square per degree of freedom where the model is right."""
     free = solution.estimate.freedoms
     return math.sqrt(2.0 / free) if free > 0 else math.inf
+
+
+def unnoticed(freedoms: int) -> float:
+    """How many times noise residuals may be, and still pass for noise with one chance in ten.
+
+    The test is that of `Estimate.inflation`, at 99 % of chi-square: with few degrees of freedom
+    it has little power, and a misfit of 1 says little.
+    """
+    if freedoms < 1:
+        return math.inf
+    most, least = (2.0 * float(gammaincinv(freedoms / 2.0, share)) for share in (0.99, 0.10))
+    return math.sqrt(most / least)
 
 
 def judge(solution: Solution) -> Judgement:

@@ -9,9 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver.estimate.correlation import Correlation
 from solver.estimate.null_directions import NullDirection
 from solver.estimate.trust_region import Status
 from solver.report.comparison import compare
+from solver.report.misfit import unnoticed
 from solver.report.notation import decimals_for, figures, fine_unit, fixed, plain, signed, typeset
 from solver.report.summary import summary
 from solver.report.verdict import Verdict, certificate, verdict
@@ -201,3 +203,25 @@ def test_fine_units_keep_numbers_readable() -> None:
     assert fine_unit("length", 2e-5).name == "µm"
     assert fine_unit("angle", math.radians(2.0)).name == "deg"
     assert fine_unit("angle", math.radians(0.002)).name == "mdeg"
+
+
+def test_few_degrees_of_freedom_are_not_called_a_check() -> None:
+    solved = solution("shoulder")
+    few = replace(solved.estimate, freedoms=1, misfit=1.0)
+    found = judge(replace(solved, estimate=few))
+    assert found.grade == "caution"
+    assert found.headline.startswith("Calibrated, but hardly checked: with 1 degree of freedom")
+    assert unnoticed(1) > 10.0 > unnoticed(5) > unnoticed(100) > 1.0
+    assert unnoticed(0) == math.inf
+
+
+def test_residuals_that_neighbours_share_are_told() -> None:
+    solved = solution("shoulder")
+    count = len(solved.estimate.space.names)
+    alike = Correlation(6.0, 1.0, np.diag(np.diag(solved.estimate.covariance)))
+    found = judge(replace(solved, estimate=replace(solved.estimate, correlation=alike)))
+    assert found.grade == "caution"
+    assert "neighbouring poses leave residuals that are alike" in found.headline
+    assert any(fact.label == "Neighbouring poses" for fact in found.facts)
+    assert "only as far as the model does" in found.limits[0]
+    assert alike.widening.shape == (count, count)
