@@ -56,7 +56,8 @@ class PoseTable:
         windows: the P dwells.
         rejected: dwells left out.
         start_ns: when the session began, on the clock of the windows.
-        approach: (P, C) from which side each channel came to rest (`solver.approach`), or None.
+        approach: (P, C) from which side each channel's counts came to rest (`solver.approach`), or None.
+        rate: (P, C) speed of each channel's value [rad/s or m/s]; None where every row is a dwell.
     """
 
     channels: tuple[str, ...]
@@ -70,6 +71,7 @@ class PoseTable:
     rejected: tuple[Rejected, ...]
     start_ns: int = 0
     approach: Array | None = None
+    rate: Array | None = None
 
     def circumstances(self, rig: Rig) -> Circumstances:
         """Under what the poses were read, loads left open.
@@ -78,12 +80,13 @@ class PoseTable:
             NotEnoughData: ``rig`` has several fixtures, and a dwell says none of them.
         """
         names = rig.mechanism.fixture_names if isinstance(rig.mechanism, SerialMechanism) else ()
+        rising = np.sign([channel.gain.nominal for channel in rig.channels])
         middle = np.array([0.5 * (w.start_ns + w.end_ns) for w in self.windows])
         return Circumstances(
             fixture=self._fixture(names),
             time_s=(middle - self.start_ns) * 1e-9,
-            approach=self.approach,
-            rate=np.zeros(self.counts.shape),
+            approach=None if self.approach is None else self.approach * rising,
+            rate=np.zeros(self.counts.shape) if self.rate is None else self.rate,
             noise=np.tile(self.noise, (len(self.counts), 1)),
         )
 

@@ -17,6 +17,8 @@ from recordings.reader import Recording
 from recordings.rig import Rig, parameters
 from solver.closure import ClosureErrors, closure_errors
 from solver.diagnosis import Finding, diagnose, still_channels
+from solver.drives import held_joints
+from solver.effects.needs import loaded, needs, require_shown
 from solver.errors import MechanismError, MethodError, NotEnoughData
 from solver.estimate import hinge, likelihood
 from solver.estimate.estimate import Estimate
@@ -36,6 +38,7 @@ from solver.estimate.trust_region import Status
 from solver.mechanism.model import Model, model_of
 from solver.mechanism.serial import SerialModel
 from solver.mechanism.space import ParameterSpace
+from solver.motion import with_motion
 from solver.poses.criteria import Criterion
 from solver.poses.observability import Observability, observability
 from solver.poses.selection import Selection, select
@@ -112,9 +115,13 @@ def solve(
         MethodError: the method does not exist or does not fit the mechanism.
         MechanismError: the loop cannot be closed at the nominal parameters.
     """
+    rig, table = recording.rig, average(recording)
+    if "rate" in needs(rig):
+        table, _ = with_motion(recording, table)
     return solve_table(
-        recording.rig,
-        average(recording),
+        rig,
+        table,
+        held=held_joints(recording, table.windows) if needs(rig) else None,
         poses=poses,
         method=method,
         criterion=criterion,
@@ -127,13 +134,17 @@ def solve_table(
     rig: Rig,
     table: PoseTable,
     *,
+    held: NDArray[np.bool_] | None = None,
     poses: int = DEFAULT_POSES,
     method: str | None = None,
     criterion: Criterion = "sigma_L",
     loss: Loss = Loss.NONE,
     use_priors: bool = False,
 ) -> Solution:
-    """Calibrate ``rig`` from poses that are averaged already; raises as `solve` does."""
+    """Calibrate ``rig`` from poses that are averaged already; raises as `solve` does.
+
+    ``held`` (P, J) says which joints drives held, where effects depend on loads.
+    """
     model = model_of(rig)
     chosen = method_named(method, model)
     space = ParameterSpace.of(parameters(rig))
@@ -151,6 +162,11 @@ def solve_table(
     before = settle(model, observed, assemble(model, observed, nominal), nominal, space.expansion)
     if not before.closed.any():
         raise MechanismError(_does_not_close(rig, model, observed, nominal))
+    light = observed
+    observed = loaded(model, light, before.coordinates, nominal, held)
+    require_shown(model, space, observed.at)
+    if observed is not light:
+        before = settle(model, observed, before.coordinates, nominal, space.expansion)
     _require_enough(table, space, before, poses)
     use_priors = use_priors or (
         chosen.name == likelihood.NAME and _priors_complete(model, space, before, nominal)
@@ -166,9 +182,10 @@ def solve_table(
     estimate = identify(model, space, selected)
     if estimate.status is Status.DOES_NOT_CLOSE:
         raise MechanismError(_does_not_close(rig, model, observed, nominal))
-    # The first choice was made at the nominal parameters; choose again where the answer is.
+    # The first choice was made at the nominal parameters; choose again where the answer is. So were loads.
     after = settle(model, observed, before.coordinates, estimate.parameters, space.expansion)
-    if after.closed.all() and poses < len(table.counts):
+    if after.closed.all() and (poses < len(table.counts) or observed is not light):
+        observed = loaded(model, light, after.coordinates, estimate.parameters, held)
         selection = choose(after, estimate.parameters)
         selected = observed.take(selection.poses)
         estimate = identify(model, space, selected)

@@ -20,6 +20,7 @@ from solver.errors import MechanismError
 from solver.mechanism.circumstances import Circumstances
 from solver.mechanism.model import EndPose, Linearised, Model, mechanism_model
 from solver.mechanism.sensing import Sensing
+from solver.mechanism.space import ParameterSpace
 
 Array = NDArray[np.float64]
 
@@ -55,6 +56,13 @@ class Grown:
     def coordinate_names(self) -> tuple[str, ...]:
         """Names of a pose's coordinates."""
         return self.plain.coordinate_names
+
+    def without_effects(self, space: ParameterSpace) -> tuple[Model, ParameterSpace]:
+        """The plain model with the first N parameters, and what of ``space`` it has: for a start."""
+        names = {p.name for p in self.site.table}
+        kept = [name for name in space.names if name in names]
+        plain = mechanism_model(self.site.rig, self.site.table)
+        return plain, ParameterSpace.of(space.table[: self.named], kept)
 
     def linearise(
         self,

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.effects.grown import Grown
 from solver.estimate.closing import placed
 from solver.estimate.nuisance import Observations, assemble
 from solver.mechanism.model import Model
@@ -30,6 +31,12 @@ def located(model: Model, space: ParameterSpace, observed: Observations, start: 
     So are fixtures that the rig identifies without saying how well their place is known. A
     tracker whose frame is not identified in all six parts keeps its start.
     """
+    if isinstance(model, Grown):
+        plain, some = model.without_effects(space)
+        if not some.names:
+            return start
+        begin = located(plain, some, observed, start[: model.named])
+        return np.concatenate([begin, start[model.named :]])
     if isinstance(model, SerialModel):
         return placed(model, space, observed, start)
     if not isinstance(model, Tracked):
