@@ -1,0 +1,234 @@
+"""The whole way from a recording to an answer: fit, screen, search, hold out, conclude.
+
+Owns the order of the steps and the rules of the verdict. Reads top to bottom like the method
+section of a paper; each step lives in a file of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from recordings.reader import Recording
+from recordings.rig import Rig, parameters
+from solver.effects.effect import Array, Effect, Site
+from solver.effects.registry import effect_kinds
+from solver.errors import MechanismError, NotEnoughData
+from solver.estimate import likelihood
+from solver.estimate.nuisance import Observations
+from solver.gap.channels import disagreement
+from solver.gap.fit import Fit, refit
+from solver.gap.floor import Floor, floor, same_poses
+from solver.gap.held_out import held_out
+from solver.gap.limits import limits
+from solver.gap.result import Gap, MissingEffect, Rival, Verdict
+from solver.gap.search import Named, Possible, Search, search
+from solver.gap.unknown import Unknown, unknown
+from solver.mechanism.model import mechanism_model
+from solver.mechanism.space import ParameterSpace
+from solver.samples import PoseTable, average
+
+_LACK = 0.01  # p of the lack of fit below which a model is not enough
+_STRANGE = 0.01  # the same of patterns of no known effect
+_STEP = 1e-4  # of a standard error, for the derivative of a size
+
+
+def analyse(
+    recording: Recording,
+    *,
+    seed: int = 1,
+    progress: Callable[[str, float], None] = lambda step, share: None,
+) -> Gap:
+    """What is missing from the rig of ``recording``.
+
+    Args:
+        recording: what was captured.
+        seed: of the draws.
+        progress: is told what is being done, and the share done.
+
+    Raises:
+        NotEnoughData: no dwells, a silent channel, or too few poses for the parameters.
+        MechanismError: the loop does not close at the nominal parameters.
+    """
+    rig, rng = recording.rig, np.random.default_rng(seed)
+    table = average(recording)
+    progress("fitting the rig as described", 0.0)
+    fit = first_fit(rig, table)
+    poses = same_poses(table.windows, table.counts)
+    found = search(fit, rng, lambda text: progress(text, 0.3))
+    floors = floor(found.before.fit, poses), floor(found.after.fit, poses)
+    left = unknown(found.after.fit, rng)
+    verdict, reasons = _concluded(found, floors, left)
+    named = verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
+    effects = tuple(_missing(found, number) for number in range(len(found.named))) if named else ()
+    after = found.after.fit if named else fit
+    variance = max(_variance(floors[1] if named else floors[0], after), 1e-300)
+    added: tuple[Effect, ...] = after.effects[len(fit.effects) :]
+    gap = held_out(
+        fit,
+        added,
+        poses,
+        variance,
+        rng,
+        lambda share: progress("holding poses out", 0.6 + 0.4 * share),
+    )
+    noise = float(np.sqrt(variance))
+    progress("done", 1.0)
+    return Gap(
+        verdict,
+        floors[0].provisional,
+        reasons,
+        effects,
+        table,
+        fit,
+        after,
+        floors[0],
+        floors[1] if named else floors[0],
+        found.before.screen.p,
+        left,
+        limits(found.before),
+        found.before.untestable,
+        gap,
+        disagreement(fit, noise),
+        disagreement(after, noise),
+        found,
+    )
+
+
+def first_fit(rig: Rig, table: PoseTable) -> Fit:
+    """The rig as described, with the effects that it describes, fitted to all poses.
+
+    Raises:
+        NotEnoughData: too few poses for the parameters.
+        MechanismError: the loop does not close.
+    """
+    site = Site(rig)
+    observed = Observations(table.counts, table.sigma, table.circumstances(rig))
+    space = ParameterSpace.of(site.table)
+    plain = mechanism_model(site.rig, site.table)
+    estimate = likelihood.identify(plain, space, observed)
+    given = {p.name: p.nominal for p in parameters(rig)}
+    kinds = effect_kinds()
+    effects = [kinds[e.name].read(site, e) for e in rig.effects if e.name in kinds]
+    if len(effects) < len(rig.effects):
+        unknown_names = [e.name for e in rig.effects if e.name not in kinds]
+        raise MechanismError(
+            f"rig '{rig.name}' has the effect '{unknown_names[0]}', which is not known; "
+            f"known are: {', '.join(kinds)}"
+        )
+    coefficients = [given[f"{e.label}.{c.name}"] for e in effects for c in e.coefficients]
+    start = np.concatenate([estimate.parameters, coefficients])
+    fit = refit(site, effects, observed, start, estimate.coordinates)
+    if fit is None:
+        raise MechanismError(
+            f"the mechanism of rig '{rig.name}' does not close with these readings; "
+            "`loopcal solve` says more, and has to succeed before a gap can be analysed"
+        )
+    if fit.freedoms < 1:
+        raise NotEnoughData(
+            f"{len(table.counts)} poses leave no equation to test the model by: {fit.rank} unknowns, "
+            f"{fit.redundancy} equations a pose. Record more poses."
+        )
+    return fit
+
+
+def _variance(found: Floor, fit: Fit) -> float:
+    """Of the noise in units of the assumed one: pooled where the fit reaches the floor."""
+    return fit.rss / max(fit.freedoms, 1) if found.p > _LACK else found.variance
+
+
+def _concluded(
+    found: Search, floors: tuple[Floor, Floor], left: Unknown
+) -> tuple[Verdict, tuple[str, ...]]:
+    """The verdict, and what it rests on in words."""
+    before, after = floors
+    reasons = []
+    if before.provisional:
+        reasons.append(
+            "No pose was visited again, so noise from visit to visit is not known: the verdict is provisional."
+        )
+    lacking = after.p < _LACK
+    strange = left.p < _STRANGE
+    if not found.named:
+        if lacking or strange or not found.complete:
+            reasons.append(
+                f"Something is missing (lack of fit: F = {after.ratio:.2f}, p = {after.p:.2g}; strangest pattern: "
+                f"p = {left.p:.2g}), and no known effect leaves a trace like it."
+            )
+            return Verdict.UNKNOWN, tuple(reasons)
+        reasons.append(
+            f"No candidate stands out from noise (p = {found.before.screen.p:.2g} for all of them together), "
+            f"and the fit reaches the noise floor (F = {after.ratio:.2f}, p = {after.p:.2g})."
+        )
+        return Verdict.NOTHING, tuple(reasons)
+    if not found.complete or lacking or strange:
+        nearest = ", ".join(named.best.effect.label for named in found.named)
+        reasons.append(
+            f"Known effects come near ({nearest}), but leave something behind: lack of fit F = {after.ratio:.2f}, "
+            f"p = {after.p:.2g}; strangest pattern p = {left.p:.2g}."
+        )
+        return Verdict.UNKNOWN, tuple(reasons)
+    reasons.append(
+        f"With what is named the fit reaches the noise floor (F = {after.ratio:.2f}, p = {after.p:.2g}), and "
+        f"no other candidate stands out (p = {found.after.screen.p:.2g})."
+    )
+    ambiguous = any(named.rivals for named in found.named)
+    return (Verdict.AMBIGUOUS if ambiguous else Verdict.NAMED), tuple(reasons)
+
+
+def _missing(found: Search, number: int) -> MissingEffect:
+    named = found.named[number]
+    size, error = _size(named.best)
+    effect = named.best.effect
+    fit = named.best.after.fit
+    last = len(fit.effects) - 1
+    scale = float(np.sqrt(fit.rss / max(fit.freedoms, 1)))
+    return MissingEffect(
+        effect.name,
+        effect.where,
+        size,
+        error,
+        effect.unit,
+        tuple(_rival(named, rival) for rival in named.rivals),
+        named.best.explained,
+        named.best.retained,
+        effect.entry(fit.coefficients(last).tolist(), fit.standard_errors(last, scale).tolist()),
+    )
+
+
+def _rival(named: Named, rival: Possible) -> Rival:
+    size, error = _size(rival)
+    effect = rival.effect
+    return Rival(
+        effect.name,
+        effect.where,
+        rival.log_evidence - named.best.log_evidence,
+        size,
+        error,
+        effect.unit,
+    )
+
+
+def _size(possible: Possible) -> tuple[float, float]:
+    """Size and standard error in the effect's unit, from the model that has it last."""
+    fit = possible.after.fit
+    effect, last = possible.effect, len(fit.effects) - 1
+    coefficients = fit.coefficients(last)
+    size = effect.size(coefficients, fit.values, fit.at)
+    columns = np.searchsorted(fit.space.identified, fit.model.columns[last])
+    noise = fit.rss / max(fit.freedoms, 1)
+    spread = noise * fit.covariance[np.ix_(columns, columns)]
+    step = _STEP * np.sqrt(np.maximum(np.diag(spread), 1e-300))
+    slope: Array = np.array(
+        [
+            (
+                effect.size(coefficients + step * unit, fit.values, fit.at)
+                - effect.size(coefficients - step * unit, fit.values, fit.at)
+            )
+            / (2.0 * s)
+            for s, unit in zip(step, np.eye(len(step)), strict=True)
+        ]
+    )
+    error = np.sqrt(max(float(slope @ spread @ slope), 0.0)) if len(slope) else 0.0
+    return size / effect.to_si, float(error) / effect.to_si

@@ -1,0 +1,179 @@
+"""The answer of a gap analysis, as data, and as the JSON that other programs read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from recordings.rig import DescribedEffect
+from solver.gap.candidates import Untestable
+from solver.gap.channels import Disagreement
+from solver.gap.fit import Fit
+from solver.gap.floor import Floor
+from solver.gap.held_out import HeldOut
+from solver.gap.search import Search
+from solver.gap.unknown import Unknown
+from solver.samples import PoseTable
+
+SCHEMA = 1
+
+
+class Verdict(Enum):
+    """What a gap analysis concludes."""
+
+    NAMED = "named"
+    AMBIGUOUS = "ambiguous"
+    NOTHING = "nothing-detectable"
+    UNKNOWN = "none-of-the-known"
+
+
+@dataclass(frozen=True)
+class Rival:
+    """An effect that could stand in another's place.
+
+    Attributes:
+        log_evidence: against the effect named, natural log; above 0 favours the rival.
+        size, standard_error, unit: as of the effect named.
+    """
+
+    name: str
+    where: str
+    log_evidence: float
+    size: float
+    standard_error: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class MissingEffect:
+    """One effect of the answer.
+
+    Attributes:
+        name, where: which, and at what.
+        size: in ``unit``: the coefficient, or of a shape its RMS over the recording.
+        standard_error: of the size.
+        unit: SI, or degrees for angles.
+        could_also_be: effects that this data cannot tell from it, most likely first.
+        explained: chi-square that it takes away, in units of the noise that is left.
+        retained: kappa, the fraction of its trace that the geometry does not absorb.
+        entry: as the rig file describes it.
+    """
+
+    name: str
+    where: str
+    size: float
+    standard_error: float
+    unit: str
+    could_also_be: tuple[Rival, ...]
+    explained: float
+    retained: float
+    entry: DescribedEffect
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The smallest size of an effect that this recording would have shown in 9 of 10 cases."""
+
+    name: str
+    where: str
+    size: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A whole gap analysis.
+
+    Attributes:
+        verdict: the conclusion.
+        provisional: whether no pose was visited again, so that the noise floor is but assumed.
+        reasons: what the verdict rests on, in sentences for the user.
+        effects: what is missing; empty for the verdicts that name nothing.
+        table: the poses.
+        before: the model as it was.
+        after: the model with what was found; the same where nothing was.
+        floor_before, floor_after: noise floor and lack of fit of both.
+        p: family-wise p-value of the first screen.
+        unknown: patterns that are left, of no known effect.
+        limits: what would have been detected.
+        untestable: effects that this recording cannot show, and why.
+        held_out: the gap on held-out poses, or None where they are too few.
+        disagreement_before, disagreement_after: each channel against the rest of the loop.
+        search: all that was tried.
+    """
+
+    verdict: Verdict
+    provisional: bool
+    reasons: tuple[str, ...]
+    effects: tuple[MissingEffect, ...]
+    table: PoseTable
+    before: Fit
+    after: Fit
+    floor_before: Floor
+    floor_after: Floor
+    p: float
+    unknown: Unknown
+    limits: tuple[Limit, ...]
+    untestable: tuple[Untestable, ...]
+    held_out: HeldOut | None
+    disagreement_before: Disagreement
+    disagreement_after: Disagreement
+    search: Search
+
+
+def gap_json(gap: Gap, next_poses: str | None = None) -> dict[str, Any]:
+    """The answer as plain data; ``next_poses`` is the path of a plan that was written, if one was."""
+    held = gap.held_out
+    return {
+        "schema": SCHEMA,
+        "verdict": gap.verdict.value,
+        "provisional": gap.provisional,
+        "reasons": list(gap.reasons),
+        "effects": [
+            {
+                "name": effect.name,
+                "where": effect.where,
+                "size": effect.size,
+                "unit": effect.unit,
+                "standard_error": effect.standard_error,
+                "could_also_be": [
+                    {
+                        "name": rival.name,
+                        "where": rival.where,
+                        "size": rival.size,
+                        "unit": rival.unit,
+                        "standard_error": rival.standard_error,
+                        "log_evidence": rival.log_evidence,
+                    }
+                    for rival in effect.could_also_be
+                ],
+            }
+            for effect in gap.effects
+        ],
+        "gap": None
+        if held is None
+        else {
+            "before": held.before,
+            "after": held.after,
+            "closed": held.closed,
+            "held_out_poses": held.poses,
+        },
+        "noise_floor": {
+            "revisited_poses": gap.floor_before.revisited,
+            "freedoms": gap.floor_before.freedoms,
+            "lack_of_fit_before": gap.floor_before.ratio,
+            "p_before": gap.floor_before.p,
+            "lack_of_fit_after": gap.floor_after.ratio,
+            "p_after": gap.floor_after.p,
+        },
+        "screen_p": gap.p,
+        "detection_limits": [
+            {"name": limit.name, "where": limit.where, "size": limit.size, "unit": limit.unit}
+            for limit in gap.limits
+        ],
+        "untestable": [
+            {"name": u.name, "where": u.where, "reason": u.reason} for u in gap.untestable
+        ],
+        "next_poses": next_poses,
+    }

@@ -1,0 +1,115 @@
+"""Whether something is missing that has no name: smooth patterns that no known effect would leave.
+
+Each channel's reading is tested against smooth functions of where the mechanism stands (low
+powers of the principal coordinates of its poses), of time, and of the side that it came from. A
+pattern that stands out after all named effects is none of the known ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from solver.estimate.nuisance import eliminated
+from solver.gap.fit import Fit
+from solver.gap.score import Array, log_f_tail
+
+_POWER = 3
+_TIMES = 5  # orders of the course over time
+_DRAWS = 400
+_SPREAD = 1e-3  # of the largest principal coordinate: less is no freedom of its own
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """One group of smooth functions at one channel: ``over`` is "pose", "time" or "approach"."""
+
+    channel: str
+    over: str
+    log_p: float
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """The patterns, most significant first, and the family-wise p-value of the first."""
+
+    patterns: tuple[Pattern, ...]
+    p: float
+
+
+def unknown(fit: Fit, rng: np.random.Generator) -> Unknown:
+    """Patterns in the residual of ``fit`` that nothing in it explains."""
+    names, bases = _groups(fit)
+    r = fit.residual
+    flat = r.ravel() - fit.absorbed @ (fit.absorbed.T @ r.ravel())
+    signs = rng.choice([-1.0, 1.0], size=(len(r), _DRAWS))
+    drawn = (r[:, :, None] * signs[:, None, :]).reshape(r.size, _DRAWS)
+    drawn = np.column_stack([flat, drawn - fit.absorbed @ (fit.absorbed.T @ drawn)])
+    total = np.sum(drawn**2, axis=0)
+    log_p = np.array(
+        [
+            log_f_tail(
+                np.sum((basis.T @ drawn) ** 2, axis=0),
+                np.full(drawn.shape[1], basis.shape[1]),
+                total,
+                fit.freedoms,
+            )
+            for basis in bases
+        ]
+    ).reshape(len(bases), -1)
+    if not len(bases):
+        return Unknown((), 1.0)
+    lowest = log_p.min(axis=0)
+    p = (1.0 + float(np.sum(lowest[1:] <= lowest[0]))) / (1.0 + _DRAWS)
+    order = np.argsort(log_p[:, 0])
+    return Unknown(tuple(Pattern(names[i][0], names[i][1], float(log_p[i, 0])) for i in order), p)
+
+
+def _groups(fit: Fit) -> tuple[list[tuple[str, str]], list[Array]]:
+    """Names and orthonormal bases (P C, k) of the groups, projected off what parameters absorb."""
+    model, observed = fit.model, fit.observed
+    here = model.linearise(
+        fit.settled.coordinates, fit.parameters, np.zeros((len(fit.parameters), 0)), observed.at
+    )
+    poses, channels = here.readings.shape
+    names, bases = [], []
+    for over, shapes in _shapes(fit).items():
+        for c, channel in enumerate(model.channels):
+            by = np.zeros((poses, channels, shapes.shape[1]))
+            by[:, c] = shapes * observed.sigma[:, c, None]
+            nowhere = np.zeros((poses, here.closure.shape[1], shapes.shape[1]))
+            trace = eliminated(here, observed, by, nowhere)[0].reshape(poses * channels, -1)
+            trace = trace - fit.absorbed @ (fit.absorbed.T @ trace)
+            left, singular, _ = np.linalg.svd(trace, full_matrices=False)
+            basis = left[:, singular > 1e-4 * np.sqrt(poses)]
+            if basis.shape[1] and basis.shape[1] < fit.freedoms // 2:
+                names.append((channel, over))
+                bases.append(basis)
+    return names, bases
+
+
+def _shapes(fit: Fit) -> dict[str, Array]:
+    """Smooth functions (P, k) of the poses' circumstances, each of unit mean square."""
+    values = fit.values
+    scaled = (values - values.mean(axis=0)) / np.maximum(values.std(axis=0), 1e-300)
+    left, singular, _ = np.linalg.svd(scaled, full_matrices=False)
+    freedoms = max(values.shape[1] - fit.redundancy, 1)
+    kept = left[:, : min(freedoms, int(np.sum(singular > _SPREAD * singular[0])))]
+    principal = kept * np.sqrt(len(values))
+    terms = [
+        np.prod(principal[:, list(chosen)], axis=1)
+        for power in range(1, _POWER + 1)
+        for chosen in combinations_with_replacement(range(principal.shape[1]), power)
+    ]
+    out = {"pose": np.stack(terms, axis=1)}
+    at = fit.at
+    if at.time_s is not None and np.ptp(at.time_s) > 0:
+        x = 2.0 * (at.time_s - at.time_s.min()) / np.ptp(at.time_s) - 1.0
+        out["time"] = np.asarray(legendre.legvander(x, _TIMES)[:, 1:], dtype=np.float64)
+    return {
+        over: shapes / np.maximum(np.sqrt(np.mean(shapes**2, axis=0)), 1e-300)
+        for over, shapes in out.items()
+    }
