@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from recordings.rig import Rig, SerialMechanism
-from sim_devices.plant.chain import Chain, ChainGeometry, transforms_ahead
+from sim_devices.plant.chain import Chain, ChainGeometry, Fixed, transforms_ahead
 from sim_devices.plant.quaternion import Array, cross, product, turn
 
 _REGULAR = 1e-13
@@ -44,6 +44,14 @@ class ChainLoads:
     torque: Array
     force: Array
     moment: Array
+
+    def seen_from(self, frame: Fixed | None) -> tuple[Array, Array]:
+        """Force and moment (n, 3) in the axes of ``frame`` (n, ...) and about its origin; None changes nothing."""
+        if frame is None:
+            return self.force, self.moment
+        back = frame.back.turn
+        about_origin = self.moment - cross(frame.shift, self.force)
+        return turn(back, self.force), turn(back, about_origin)
 
 
 def has_weights(rig: Rig) -> bool:

@@ -50,7 +50,7 @@ class Noise:
     def samples(self, rng: np.random.Generator, count: int) -> Array:
         """(count,) deviations of unit variance, one after the other."""
         if self.heavy_tails:
-            fresh = rng.standard_t(3, count) / np.sqrt(3.0)
+            fresh = np.asarray(rng.standard_t(3, count) / np.sqrt(3.0))
         else:
             fresh = rng.standard_normal(count)
         if self.correlation_samples == 0.0 or count == 0:

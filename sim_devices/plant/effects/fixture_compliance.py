@@ -1,6 +1,6 @@
 """``fixture-compliance``: what holds the end of a chain, or the pivot of a plate, gives way under load.
 
-Hidden, the fixture of a chain is a spring at a point some way from its frame's origin, not
+Hidden, the mount of a chain (`mount.Mount`) is a spring at a point some way from its origin, not
 equally stiff along its three axes (within +-10 %), which also tilts a little: as stiff against a
 moment as three such springs a metre away. A pivot yields along its axes only. Size: the
 compliance that describes the yield at the plan's stops best, over all directions [m/N].
@@ -16,10 +16,11 @@ from typing import Self, cast
 import numpy as np
 
 from recordings.rig import DescribedEffect, PlatformMechanism, Rig
-from sim_devices.plant.chain import ChainGeometry, displaced
+from sim_devices.plant.chain import ChainGeometry, Fixed
 from sim_devices.plant.effects.described import check_place, read_values
 from sim_devices.plant.effects.effect import Effect, Geometry, Request
 from sim_devices.plant.effects.loads import Loads, loads_at_rest, loads_of
+from sim_devices.plant.effects.mount import Mount
 from sim_devices.plant.effects.size import number_size
 from sim_devices.plant.plate import PlateGeometry
 from sim_devices.plant.quaternion import Array, about, cross
@@ -40,15 +41,24 @@ class FixtureCompliance(Effect):
         point: (3,) of the spring in the fixture's frame [m].
         tilting: angular compliance [rad/Nm].
         loads: gives the force on it.
+        mount: of a chain.
     """
 
     name = "fixture-compliance"
     steady = True
 
     def __init__(
-        self, size: float, *, along: Array, point: Array, tilting: float, loads: Loads
+        self,
+        size: float,
+        *,
+        along: Array,
+        point: Array,
+        tilting: float,
+        loads: Loads,
+        mount: Mount | None,
     ) -> None:
         super().__init__(FIXTURE, size, "m/N")
+        self._mount = mount
         self._along, self._point, self._tilting = along, point, tilting
         self._loads = loads
 
@@ -74,6 +84,7 @@ class FixtureCompliance(Effect):
             point=point,
             tilting=size / _TILT_M**2,
             loads=loads_of(request.rig, request.values),
+            mount=mount_of(request.rig, request.values),
         )
 
     @classmethod
@@ -86,6 +97,7 @@ class FixtureCompliance(Effect):
             point=np.zeros(3),
             tilting=0.0,
             loads=loads_of(rig, values),
+            mount=mount_of(rig, values),
         )
 
     def geometry(self, geometry: Geometry, time_s: Array, coordinates: Array) -> Geometry:
@@ -95,14 +107,16 @@ class FixtureCompliance(Effect):
                 force = self._loads.of_plate(replace(geometry, base=base), coordinates).force
                 base = geometry.base - (self._along * force)[:, None]
             return replace(geometry, base=base)
-        if not isinstance(geometry, ChainGeometry):
+        if not isinstance(geometry, ChainGeometry) or self._mount is None:
             return geometry
         yielding: ChainGeometry = geometry
         for _ in range(_ROUNDS):
             loads = self._loads.of_chain(yielding, coordinates)
-            tilt = self._tilting * (loads.moment - cross(self._point, loads.force))
-            shift = self._along * loads.force - cross(tilt, self._point)
-            yielding = displaced(geometry, _turned_by(tilt), shift)
+            force, moment = loads.seen_from(self._mount.frame(yielding, coordinates))
+            tilt = self._tilting * (moment - cross(self._point, force))
+            shift = self._along * force - cross(tilt, self._point)
+            moved = Fixed(_turned_by(tilt), shift)
+            yielding = self._mount.displaced(geometry, coordinates, moved)
         return cast(Geometry, yielding)
 
 
@@ -111,6 +125,12 @@ def has_fixture(rig: Rig) -> bool:
     if isinstance(rig.mechanism, PlatformMechanism):
         return rig.mechanism.plate == "pivoted"
     return not {"x", "y", "z"} <= rig.mechanism.closure.freedoms
+
+
+def mount_of(rig: Rig, values: Mapping[str, float]) -> Mount | None:
+    """The mount of a chain of joints, or None of a platform."""
+    chain = rig.mechanism
+    return None if isinstance(chain, PlatformMechanism) else Mount(chain, values)
 
 
 def _turned_by(vector: Array) -> Array:

@@ -14,10 +14,11 @@ from typing import Self, cast
 import numpy as np
 
 from recordings.rig import POSE, DescribedEffect, PlatformMechanism, Rig
-from sim_devices.plant.chain import ChainGeometry, displaced, pose
+from sim_devices.plant.chain import ChainGeometry, Fixed, pose
 from sim_devices.plant.effects.described import check_place, read_values
 from sim_devices.plant.effects.effect import Effect, Geometry, Request, moment_within
-from sim_devices.plant.effects.fixture_compliance import FIXTURE, has_fixture
+from sim_devices.plant.effects.fixture_compliance import FIXTURE, has_fixture, mount_of
+from sim_devices.plant.effects.mount import Mount
 from sim_devices.plant.effects.size import number_size
 from sim_devices.plant.plate import PlateGeometry
 from sim_devices.plant.quaternion import IDENTITY, Array
@@ -30,14 +31,16 @@ class FixtureSlip(Effect):
 
     Args:
         size: length of the displacement [m].
-        parts: (6,) x, y, z [m], rx, ry, rz [rad], in the fixture's frame; of a pivot in the base frame.
+        parts: (6,) x, y, z [m], rx, ry, rz [rad], in the mount's frame; of a pivot in the base frame.
         at_s: when.
+        mount: of a chain.
     """
 
     name = "fixture-slip"
 
-    def __init__(self, size: float, parts: Array, at_s: float) -> None:
+    def __init__(self, size: float, parts: Array, at_s: float, mount: Mount | None) -> None:
         super().__init__(FIXTURE, size, "m")
+        self._mount = mount
         self._moved = pose(parts.tolist())
         self._at_s = at_s
 
@@ -56,7 +59,8 @@ class FixtureSlip(Effect):
         shift = size * way[0] / np.linalg.norm(way[0])
         length = float(np.linalg.norm(way[1]))
         turned = size / _LEVER_M * request.rng.uniform() * way[1] / length if length else way[1]
-        return cls(size, np.concatenate([shift, turned]), moment_within(request))
+        mount = mount_of(request.rig, request.values)
+        return cls(size, np.concatenate([shift, turned]), moment_within(request), mount)
 
     @classmethod
     def described(cls, effect: DescribedEffect, rig: Rig, values: Mapping[str, float]) -> Self:
@@ -66,17 +70,17 @@ class FixtureSlip(Effect):
             parts |= dict.fromkeys(POSE[3:], "angle")
         true = read_values(effect, values, parts, {"at": "time"})
         moved = np.array([true.get(part, 0.0) for part in POSE])
-        return cls(float(np.linalg.norm(moved[:3])), moved, true["at"])
+        return cls(float(np.linalg.norm(moved[:3])), moved, true["at"], mount_of(rig, values))
 
     def geometry(self, geometry: Geometry, time_s: Array, coordinates: Array) -> Geometry:
         slipped = (time_s >= self._at_s)[:, None]
         shift = np.where(slipped, self._moved.shift, 0.0)
         if isinstance(geometry, PlateGeometry):
             return replace(geometry, base=geometry.base - shift[:, None])
-        if not isinstance(geometry, ChainGeometry):
+        if not isinstance(geometry, ChainGeometry) or self._mount is None:
             return geometry
-        turned = np.where(slipped, self._moved.turn, IDENTITY)
-        return cast(Geometry, displaced(geometry, turned, shift))
+        moved = Fixed(np.where(slipped, self._moved.turn, IDENTITY), shift)
+        return cast(Geometry, self._mount.displaced(geometry, coordinates, moved))
 
 
 def _held(rig: Rig) -> Array:

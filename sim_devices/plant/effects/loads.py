@@ -11,6 +11,7 @@ from recordings.rig import Rig, SerialMechanism
 from sim_devices.plant.chain import ChainGeometry, chain_geometry
 from sim_devices.plant.chain_statics import ChainLoads, ChainStatics, has_weights
 from sim_devices.plant.effects.effect import Request
+from sim_devices.plant.effects.mount import Mount
 from sim_devices.plant.errors import BadEffect
 from sim_devices.plant.plate import PlateGeometry, plate_geometry
 from sim_devices.plant.plate_statics import PlateLoads, PlateStatics, has_weight
@@ -44,7 +45,12 @@ class Loads:
 
 @dataclass(frozen=True, slots=True)
 class LoadsAtRest:
-    """Loads at the stops of the plan: (n, places) carried by drives or legs, (n, 3) force on the fixture."""
+    """Loads at the stops of the plan.
+
+    Attributes:
+        carried: (n, places) by drives or legs [Nm or N].
+        force: (n, 3) on the mount of a chain, in its frame, or on a pivot, in the base frame [N].
+    """
 
     carried: Array
     force: Array
@@ -67,6 +73,7 @@ def loads_at_rest(request: Request) -> LoadsAtRest:
         names = rig.mechanism.fixture_names or (None,)
         chain = chain_geometry(rig.mechanism, request.values, names[0])
         of_chain = loads.of_chain(chain, coordinates)
-        return LoadsAtRest(of_chain.torque, of_chain.force)
+        mount = Mount(rig.mechanism, request.values).frame(chain, coordinates)
+        return LoadsAtRest(of_chain.torque, of_chain.seen_from(mount)[0])
     of_plate = loads.of_plate(plate_geometry(rig.mechanism, request.values), coordinates)
     return LoadsAtRest(of_plate.tension, of_plate.force)

@@ -10,6 +10,7 @@ from sim_devices.plant.chain import Chain, chain_geometry
 from sim_devices.plant.creation import make_nature
 from sim_devices.plant.effects.effect import Effect
 from sim_devices.plant.effects.loads import loads_of
+from sim_devices.plant.effects.mount import Mount
 from sim_devices.plant.effects.registry import EFFECT_KINDS
 from sim_devices.plant.errors import BadEffect
 from sim_devices.plant.loop import Loop
@@ -88,15 +89,16 @@ def test_a_hidden_fixture_is_nearly_equally_stiff_and_tilts_little(arm):
     values = nature.truth.parameters
     where, axes = end(arm, values, at)
     geometry = nature.mechanism.geometry(at, np.zeros(len(at)))
-    force = loads_of(arm, values).of_chain(geometry, at).force
-    ratio = where / (2e-5 * force)
+    hinge = Mount(arm.mechanism, values).frame(chain_geometry(arm.mechanism, values), at)
+    force, _ = loads_of(arm, values).of_chain(geometry, at).seen_from(hinge)
+    ratio = turn(hinge.back.turn, where) / (2e-5 * force)
     assert np.all(np.abs(ratio[np.abs(force) > 3.0] - 1) < 0.3)
     assert np.ptp(np.median(ratio, axis=0)) > 0.01
     tilt = np.arccos(np.clip((np.trace(axes, axis1=1, axis2=2) - 1) / 2, -1, 1))
     assert 0 < tilt.max() < 1e-3
 
 
-def test_a_slip_displaces_the_end_of_the_chain_from_its_moment_on(describing):
+def test_a_slip_displaces_the_hinge_on_its_stand_from_its_moment_on(describing):
     rig = describing("arm", "fixture-slip", "fixture", at_s=6.0, x_mm=1.0, z_mm=-0.5, ry_deg=0.1)
     nature = nature_of(rig, make_nature(rig, 2).truth)
     played = play(nature, POSES)
@@ -104,17 +106,38 @@ def test_a_slip_displaces_the_end_of_the_chain_from_its_moment_on(describing):
     early = played.course.time_s < 6.0
     for name, value in played.course.value.items():
         np.testing.assert_allclose(value[early], bare.course.value[name][early], atol=1e-10)
-    # The loop with the slip, closed anew at one late pose, ends displaced by it.
+    # The loop with the slip, closed anew at one late pose: the hinge stands displaced on the base.
     loop = nature.mechanism
     start = loop.assemble(np.random.default_rng(0))[None]
     held = np.isin(rig.mechanism.places, rig.plan.drives)
     for time_s, share in ((5.9, 0.0), (6.0, 1.0)):
         closed, left = loop.polish(start, held, np.array([time_s]))
         assert left.max() < 1e-11
-        where, axes = end(rig, nature.truth.parameters, closed)
-        np.testing.assert_allclose(where, share * np.array([[1e-3, 0, -0.5e-3]]), atol=1e-9)
+        values = nature.truth.parameters
+        hinge, rest = np.eye(4), np.eye(4)
+        for k, joint in enumerate(rig.mechanism.joints):
+            moved = denavit_hartenberg(values, joint.name, closed[0, k])
+            hinge, rest = (moved, rest) if k == 0 else (hinge, rest @ moved)
+        # Base from stand, as the arm's end finds it behind the hinge.
+        slip = rest @ hinge
+        np.testing.assert_allclose(slip[:3, 3], share * np.array([1e-3, 0, -0.5e-3]), atol=1e-9)
         turned = share * np.deg2rad(0.1)
-        np.testing.assert_allclose(axes[0, 2], [np.sin(turned), 0, np.cos(turned)], atol=1e-9)
+        np.testing.assert_allclose(slip[:3, 2], [np.sin(turned), 0, np.cos(turned)], atol=1e-9)
+
+
+def denavit_hartenberg(values, joint, variable):
+    """4 x 4 transform of a joint."""
+    theta, s, a, alpha = (values[f"{joint}.{p}"] for p in ("theta_offset", "s", "a", "alpha"))
+    ct, st = np.cos(theta + variable), np.sin(theta + variable)
+    ca, sa = np.cos(alpha), np.sin(alpha)
+    return np.array(
+        [
+            [ct, -st * ca, st * sa, a * ct],
+            [st, ct * ca, -ct * sa, a * st],
+            [0, sa, ca, s],
+            [0, 0, 0, 1],
+        ]
+    )
 
 
 def test_growing_links_close_as_a_chain_of_longer_links(describing):
