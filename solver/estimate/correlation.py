@@ -83,18 +83,22 @@ def correlation(
     tall = basis.transpose(0, 2, 1).reshape(len(left), channels)
     repeated = np.repeat(np.repeat(kernel, basis.shape[2], axis=0), basis.shape[2], axis=1)
     K = (tall @ tall.T) * repeated
-    R = np.eye(len(left)) - slopes @ covariance @ slopes.T
-    freedoms = float(np.trace(R))
+    # Traces of products of K and R = I - S cov S', S tall and narrow, without forming R.
+    KS = K @ slopes
+    CA, CN = covariance @ (slopes.T @ KS), covariance @ (slopes.T @ slopes)
+    freedoms = len(left) - float(np.trace(CN))
     if freedoms < _FEWEST_FREEDOMS:
         return None
-    KR = K @ R
-    c = float(np.trace(KR)) / freedoms
-    centred = KR - c * R
-    variance = 2.0 * float(np.sum(centred * centred.T))
+    once = float(np.trace(K) - np.trace(CA))
+    twice = float(np.sum(K**2) - 2 * np.sum(covariance * (KS.T @ KS)) + np.sum(CA * CA.T))
+    mixed = float(np.trace(K) - 2 * np.trace(CA) + np.sum(CN * CA.T))
+    square = len(left) - 2 * float(np.trace(CN)) + float(np.sum(CN * CN.T))
+    c = once / freedoms
+    variance = 2.0 * (twice - 2 * c * mixed + c**2 * square)
     excess = float(left @ K @ left - c * (left @ left))
     noise = float(left @ left) / freedoms
     score = excess / (noise * np.sqrt(variance)) if variance > 0 and noise > 0 else 0.0
-    gain = float(np.sum(KR * KR.T)) - c * float(np.sum(KR * R))
+    gain = twice - c * mixed
     shared = max(excess / gain, 0.0) if gain > 0 else 0.0
     widening = np.zeros((count, count))
     if score > _SIGNIFICANT:
