@@ -21,6 +21,11 @@ from sim_devices.plant.effects.link_geometry import LinkGeometry
 from sim_devices.plant.effects.nonlinearity import Nonlinearity
 from sim_devices.plant.effects.offset_drift import OffsetDrift
 from sim_devices.plant.effects.offset_jump import OffsetJump
+from sim_devices.plant.effects.outsiders.bending_leg import BendingLeg
+from sim_devices.plant.effects.outsiders.creep import Creep
+from sim_devices.plant.effects.outsiders.product_error import ProductError
+from sim_devices.plant.effects.outsiders.swinging_offset import SwingingOffset
+from sim_devices.plant.effects.outsiders.wobbling_axis import WobblingAxis
 from sim_devices.plant.effects.saturation import Saturation
 from sim_devices.plant.effects.stuck_bit import StuckBit
 from sim_devices.plant.effects.thermal_growth import ThermalGrowth
@@ -49,6 +54,11 @@ _CATALOGUE: tuple[type[Effect], ...] = (
 
 EFFECT_KINDS: Mapping[str, type[Effect]] = {kind.name: kind for kind in _CATALOGUE}
 """Every effect by its name. A new effect is a class of its own and an entry here."""
+
+OUTSIDER_KINDS: Mapping[str, type[Effect]] = {
+    kind.name: kind for kind in (Creep, SwingingOffset, ProductError, WobblingAxis, BendingLeg)
+}
+"""Effects outside the catalogue, by their names with ``outsider:``; never drawn."""
 
 RANDOM = "random"
 
@@ -136,12 +146,13 @@ def _parse(text: str, rig: Rig) -> tuple[type[Effect], str, str]:
             f"'{text}' does not say what to hide; expected NAME@WHERE=SIZE, such as "
             f"nonlinearity@{rig.channels[-1].name}=2%, or 'random'. Names: {', '.join(EFFECT_KINDS)}"
         )
-    if name not in EFFECT_KINDS:
-        raise BadEffect(f"there is no effect '{name}'; expected one of: {', '.join(EFFECT_KINDS)}")
-    places = EFFECT_KINDS[name].places(rig)
+    kinds = OUTSIDER_KINDS if name.startswith("outsider:") else EFFECT_KINDS
+    if name not in kinds:
+        raise BadEffect(f"there is no effect '{name}'; expected one of: {', '.join(kinds)}")
+    places = kinds[name].places(rig)
     if where not in places:
         raise BadEffect(
             f"'{name}' cannot sit at '{where}' in the rig '{rig.name}'; "
             f"expected one of: {', '.join(places) or '(there is no such place)'}"
         )
-    return EFFECT_KINDS[name], where, size.strip()
+    return kinds[name], where, size.strip()
