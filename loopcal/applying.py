@@ -18,6 +18,8 @@ from recordings.reader import read_recording
 from recordings.rig import Rig, SerialMechanism, parameters
 from recordings.rig.edit import Calibrated, with_values
 from solver.calibration import Calibration, EndPoses
+from solver.drives import held_joints
+from solver.effects.correction import corrections
 from solver.samples import PoseTable, average
 
 COLUMNS = (
@@ -37,7 +39,12 @@ def run_apply(
     recording = read_recording(file)
     calibration = Calibration.of(recording.rig, document)
     table = average(recording)
-    poses = calibration.end_poses(table.counts, table.sigma)
+    poses = calibration.end_poses(
+        table.counts,
+        table.sigma,
+        table.circumstances(recording.rig),
+        held_joints(recording, table.windows) if recording.rig.effects else None,
+    )
     rows = _rows(table, poses)
     if output is not None:
         text = io.StringIO()
@@ -68,8 +75,13 @@ def channel_corrections(rig: Rig, calibration: Calibration) -> dict[str, Any]:
     """What a controller needs to turn counts into calibrated values, channel by channel.
 
     value = gain (counts - zero_count) + offset; a joint's angle in the model is that value
-    plus its theta_offset.
+    plus its theta_offset. Where effects sit at a channel, that is what it reads; `correction` is a
+    table from there to what is true, with straight lines between its points.
+
+    Raises:
+        NotEnoughData: the rig has an effect that no channel can undo by itself.
     """
+    undone = corrections(calibration.model, calibration.parameters)
     values = dict(
         zip((p.name for p in calibration.space.table), calibration.parameters, strict=True)
     )
@@ -87,6 +99,12 @@ def channel_corrections(rig: Rig, calibration: Calibration) -> dict[str, Any]:
                 "gain": values[gain.name] / gain.to_si,
                 "offset": values[offset.name] / offset.to_si,
                 "theta_offset": None if turn is None else values[turn.name] / turn.to_si,
+                "correction": None
+                if channel.name not in undone
+                else {
+                    "read": (undone[channel.name].read / offset.to_si).tolist(),
+                    "true": (undone[channel.name].true / offset.to_si).tolist(),
+                },
             }
         )
     return {"schema": 1, "rig": rig.name, "channels": channels}

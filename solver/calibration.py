@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.rig import Rig, parameters
+from solver.effects.needs import loaded, require_known
 from solver.errors import SolverError
 from solver.estimate.nuisance import Observations, assemble, settle
+from solver.mechanism.circumstances import Circumstances
 from solver.mechanism.model import EndPose, Model, model_of
 from solver.mechanism.serial import SerialModel
 from solver.mechanism.space import ParameterSpace
@@ -91,12 +93,26 @@ class Calibration:
         scale = np.array([table[i].to_si for i in space.identified])
         return cls(model_of(rig), space, values, matrix * scale[:, None] * scale)
 
-    def end_poses(self, counts: Array, sigma: Array) -> EndPoses:
-        """Endpoint or plate at readings ``counts`` (P, C) with standard deviations ``sigma`` (P, C) [counts]."""
+    def end_poses(
+        self,
+        counts: Array,
+        sigma: Array,
+        at: Circumstances | None = None,
+        held: NDArray[np.bool_] | None = None,
+    ) -> EndPoses:
+        """Endpoint or plate at readings ``counts`` (P, C) with standard deviations ``sigma`` (P, C) [counts].
+
+        ``at`` and ``held`` (P, J), whether drives held the joints, matter where the rig has effects.
+
+        Raises:
+            NotEnoughData: an effect depends on what nobody knows of these readings.
+        """
         if isinstance(self.model, SerialModel) and sensed_all_the_way(self.model):
             return self._forward(self.model, counts, sigma)
-        observed = Observations(counts, sigma)
+        observed = Observations(counts, sigma, at)
         start = assemble(self.model, observed, self.parameters)
+        observed = loaded(self.model, observed, start, self.parameters, held)
+        require_known(self.model, observed.at)
         settled = settle(self.model, observed, start, self.parameters, self.space.expansion)
         end = self.model.end_pose(settled.coordinates, self.parameters, self.space.expansion)
         spread = (
@@ -130,7 +146,8 @@ class Calibration:
 
     def _coordinate_spread(self, observed: Observations, coordinates: Array) -> Array:
         """(P, U, U) covariance of the most likely coordinates: the leading block of the inverse KKT matrix."""
-        at = self.model.linearise(coordinates, self.parameters, self.space.expansion[:, :0])
+        nowhere = self.space.expansion[:, :0]
+        at = self.model.linearise(coordinates, self.parameters, nowhere, observed.at)
         H = at.readings_by_coordinates / observed.sigma[:, :, None]
         norms = np.linalg.norm(H, axis=1)
         scale = 1.0 / np.where(norms > 0, norms, np.max(norms, axis=1, keepdims=True))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.rig import Rig, SerialMechanism, parameters
+from solver.effects.needs import generic
 from solver.errors import MechanismError
 from solver.estimate.identifiability import Identifiability, identifiability
 from solver.estimate.nuisance import Observations, settle
@@ -83,8 +84,9 @@ def check_rig(rig: Rig) -> RigCheck:
         if c.device is None
     ]
     sigma = np.array([max(channel.noise, 0.3) for channel in rig.channels])
-    at = model.linearise(poses, space.nominal, space.expansion)
-    observed = Observations(at.readings, np.tile(sigma, (len(poses), 1)))
+    around = generic(rig, model, poses, space.nominal)
+    at = model.linearise(poses, space.nominal, space.expansion, around)
+    observed = Observations(at.readings, np.tile(sigma, (len(poses), 1)), around)
     settled = settle(model, observed, poses, space.nominal, space.expansion)
     firm = np.isfinite(settled.jacobian).all(axis=(1, 2))
     if not firm.all():

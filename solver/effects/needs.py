@@ -58,23 +58,63 @@ def loaded(
 
 
 def require_shown(model: Model, space: ParameterSpace, at: Circumstances | None) -> None:
-    """Refuse what the circumstances cannot show or leave unknown.
+    """Refuse to identify what these circumstances cannot show.
 
     Raises:
         NotEnoughData: an effect is to be identified that these circumstances cannot show, or is
             described by something that nobody knows of them.
     """
+    require_known(model, at)
+    if not isinstance(model, Grown):
+        return
+    identified = set(space.identified.tolist())
+    for effect, columns in zip(model.effects, model.columns, strict=True):
+        why = effect.untestable(model.site, effect.where, at or Circumstances())
+        if why is not None and identified & set(columns.tolist()):
+            raise NotEnoughData(
+                f"the effect '{effect.label}' cannot be identified from this recording: {why}. Record that, or "
+                "hold the effect (identify = false), or take it out of the rig."
+            )
+
+
+def require_known(model: Model, at: Circumstances | None) -> None:
+    """Refuse to compute an effect from what nobody knows.
+
+    Raises:
+        NotEnoughData: an effect depends on circumstances that are not known.
+    """
     if not isinstance(model, Grown):
         return
     known = at or Circumstances()
-    identified = set(space.identified.tolist())
-    for effect, columns in zip(model.effects, model.columns, strict=True):
-        wanted = bool(identified & set(columns.tolist()))
-        unknown = any(getattr(known, field) is None for field in effect.needs)
-        why = effect.untestable(model.site, effect.where, known)
-        if why is not None and (wanted or unknown):
-            verb = "cannot be identified from" if wanted else "cannot be computed for"
+    for effect in model.effects:
+        unknown = [field for field in effect.needs if getattr(known, field) is None]
+        if unknown:
+            why = effect.untestable(model.site, effect.where, known)
             raise NotEnoughData(
-                f"the effect '{effect.label}' {verb} this recording: {why}. Record that, or take the effect "
-                "out of the rig."
+                f"the effect '{effect.label}' cannot be computed for this recording: "
+                f"{why or 'nobody knows ' + ', '.join(unknown)}. Record that, or take the effect out of the rig."
             )
+
+
+def generic(
+    rig: Rig, model: Model, coordinates: Array, parameters: Array, *, seed: int = 0
+) -> Circumstances | None:
+    """Circumstances of poses (P, U) such as a session might meet, to see what they would determine.
+
+    A pose a second, reached from either side, standing still, its joints held as planned.
+    """
+    if not isinstance(model, Grown):
+        return None
+    poses, channels = len(coordinates), len(rig.channels)
+    at = Circumstances(
+        time_s=np.arange(poses, dtype=np.float64),
+        approach=np.random.default_rng(seed).choice([-1.0, 1.0], (poses, channels)),
+        rate=np.zeros((poses, channels)),
+        noise=np.tile([max(c.noise, 0.3) for c in rig.channels], (poses, 1)),
+    )
+    held = None
+    if rig.plan is not None and rig.plan.drives:
+        held = np.tile([place in rig.plan.drives for place in rig.mechanism.places], (poses, 1))
+    nothing = np.zeros((poses, channels))
+    found = loaded(model, Observations(nothing, nothing, at), coordinates, parameters, held)
+    return found.at

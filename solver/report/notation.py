@@ -13,6 +13,14 @@ _READABLE: dict[str, tuple[str, float]] = {
     "angle": ("deg", math.pi / 180.0),
     "length/count": ("mm/count", 1e-3),
     "angle/count": ("deg/count", math.pi / 180.0),
+    "count": ("counts", 1.0),
+    "ratio": ("%", 1e-2),
+    "time": ("ms", 1e-3),
+    "rate": ("ppm/s", 1e-6),
+    "speed": ("mm/s", 1e-3),
+    "angular speed": ("deg/s", math.pi / 180.0),
+    "compliance": ("mm/N", 1e-3),
+    "angular compliance": ("deg/Nm", math.pi / 180.0),
 }
 _MOST_DECIMALS = 9
 _DECIMALS_WITHOUT_ERROR = 4
