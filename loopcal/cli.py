@@ -331,6 +331,34 @@ def solve(
 
 
 @app.command()
+def gap(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A loopcal recording.")],
+    report: Annotated[
+        Path | None, typer.Option("--report", metavar="PAGE", help="Write an HTML report.")
+    ] = None,
+    json_file: Annotated[
+        Path | None,
+        typer.Option("--json", metavar="PATH", help="Write the answer as JSON; - prints it."),
+    ] = None,
+    rig_out: Annotated[
+        Path | None,
+        typer.Option("--rig-out", metavar="RIG", help="Write the rig with what is missing in it."),
+    ] = None,
+    seed: SeedOption = 1,
+) -> None:
+    """Name what the rig lacks: which effect, where, how big, and how sure that is.
+
+    Exit code 1 says that something is missing that is none of the known effects.
+    """
+    from loopcal.gap import run_gap
+
+    with explained():
+        answered = run_gap(file, seed=seed, json_file=json_file, report=report, rig_out=rig_out)
+    if not answered:
+        raise typer.Exit(1)
+
+
+@app.command()
 def apply(
     result: Annotated[
         Path, typer.Argument(metavar="RESULT", help="A result file, from solve --json.")

@@ -6,7 +6,7 @@ and their uncertainties, and to add anything but effects.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,8 +63,8 @@ def with_values(text: str, values: Mapping[str, Calibrated]) -> str:
     return tomlkit.dumps(document)
 
 
-def with_effect(text: str, effect: DescribedEffect) -> str:
-    """The rig file ``text`` with one more ``[[effect]]`` at its end.
+def with_effect(text: str, effect: DescribedEffect, remarks: Sequence[str] = ()) -> str:
+    """The rig file ``text`` with one more ``[[effect]]`` at its end, ``remarks`` above its values.
 
     Raises:
         RigError: the rig has this effect already.
@@ -73,6 +73,8 @@ def with_effect(text: str, effect: DescribedEffect) -> str:
     if effect.label in dict(_owners(document)):
         raise RigError(f"the rig has the effect '{effect.label}' already")
     entry = tomlkit.table()
+    for remark in remarks:
+        entry.add(tomlkit.comment(remark))
     entry["name"], entry["where"] = effect.name, effect.where
     for part, quantity in effect.values.items():
         ratio = quantity.dimension == "ratio"

@@ -18,6 +18,12 @@ from solver.samples import PoseTable
 
 SCHEMA = 1
 
+ABSORBED = (
+    "the parameters that are identified can take up all that it would do at these poses, so that "
+    "no reading would show it"
+)
+"""Why an effect cannot be named whose trace the geometry absorbs."""
+
 
 class Verdict(Enum):
     """What a gap analysis concludes."""
@@ -121,6 +127,14 @@ class Gap:
     disagreement_after: Disagreement
     search: Search
 
+    @property
+    def untested(self) -> tuple[Untestable, ...]:
+        """`untestable`, and the candidates whose whole trace the parameters absorb."""
+        looked = self.search.before
+        seen = {form.candidate for form in looked.forms}
+        absorbed = (c for i, c in enumerate(looked.candidates) if i not in seen)
+        return (*self.untestable, *(Untestable(c.name, c.where, ABSORBED) for c in absorbed))
+
 
 def gap_json(gap: Gap, next_poses: str | None = None) -> dict[str, Any]:
     """The answer as plain data; ``next_poses`` is the path of a plan that was written, if one was."""
@@ -173,7 +187,7 @@ def gap_json(gap: Gap, next_poses: str | None = None) -> dict[str, Any]:
             for limit in gap.limits
         ],
         "untestable": [
-            {"name": u.name, "where": u.where, "reason": u.reason} for u in gap.untestable
+            {"name": u.name, "where": u.where, "reason": u.reason} for u in gap.untested
         ],
         "next_poses": next_poses,
     }

@@ -69,7 +69,11 @@ def write_report(
         raise ReportError(
             f"there is already something at '{path}'; give another name for the report, or allow it to be overwritten"
         )
-    page = render(solution, truth=truth, recording=recording)
+    write_page(render(solution, truth=truth, recording=recording), path)
+
+
+def write_page(page: str, path: Path) -> None:
+    """Write a page whole or not at all; raises ReportError."""
     # Beside its target, so that taking its place is one step of the file system.
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
@@ -96,7 +100,7 @@ def render(
     jacobians = judged(solution)
     before, after = solution.closure_before, solution.closure_after
     identified = set(space.names)
-    return _template().render(
+    return template().render(
         solution=solution,
         estimate=estimate,
         rig=solution.rig,
@@ -149,7 +153,7 @@ def _sensitivity(solution: Solution) -> tuple[Sensitivity, NDArray[np.float64]]:
 
 def render_sensitivity(rig: Rig, found: Sensitivity) -> str:
     """A page about the sensitivity of the endpoint or plate of ``rig``, without a recording."""
-    return _template("sensitivity.html.jinja").render(
+    return template("sensitivity.html.jinja").render(
         rig=rig,
         found=found,
         degree=np.pi / 180.0,
@@ -158,7 +162,8 @@ def render_sensitivity(rig: Rig, found: Sensitivity) -> str:
     )
 
 
-def _template(name: str = "report.html.jinja") -> Template:
+def template(name: str = "report.html.jinja") -> Template:
+    """A page's template, with what all pages need to write numbers."""
     environment = Environment(
         loader=PackageLoader("solver.report", "templates"),
         autoescape=True,
@@ -167,6 +172,7 @@ def _template(name: str = "report.html.jinja") -> Template:
         lstrip_blocks=True,
     )
     environment.filters["typeset"] = typeset
+    environment.filters["capitalised"] = lambda text: text[:1].upper() + text[1:]
     environment.globals.update(
         fixed=lambda value, digits: typeset(fixed(value, digits)),
         signed=lambda value, digits: typeset(signed(value, digits)),

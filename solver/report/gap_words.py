@@ -1,0 +1,274 @@
+"""What a gap analysis found, in words: for the terminal and for the page alike.
+
+Owns how effects, sizes, evidence and what is left open are called. Refuses to judge: the
+verdict and its reasons come with the analysis.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from recordings.rig.quantity import SHOWN
+from solver.gap.result import Gap, Limit, MissingEffect, Rival, Verdict
+from solver.report.notation import decimals_for, figures, fine_unit, fixed, unit_for
+
+_PHRASES = {
+    "gain-error": "gain error of {}",
+    "nonlinearity": "nonlinearity of {}",
+    "eccentricity": "eccentricity of {}",
+    "cyclic-error": "cyclic error of {}",
+    "backlash": "backlash of {}",
+    "offset-drift": "drift of the zero of {}",
+    "offset-jump": "jump of the zero of {}",
+    "lag": "lag of {}",
+    "stuck-bit": "stuck bit of {}",
+    "saturation": "saturation of {}",
+    "joint-compliance": "compliance of {}",
+    "fixture-compliance": "compliance of the fixture at {}",
+    "fixture-slip": "slip of the fixture at {}",
+    "link-geometry": "wrong value of {}",
+    "axis-offset": "offset of the axes or ends at {}",
+    "thermal-growth": "thermal growth of the {}",
+}
+_SHAPES = frozenset({"nonlinearity", "eccentricity", "cyclic-error"})  # told by their RMS
+_DIMENSIONS = {unit: dimension for dimension, (unit, _) in SHOWN.items()}
+
+
+def called(name: str, where: str) -> str:
+    """An effect as a person would call it; one of a user's own by its name."""
+    if name == "crosstalk":
+        to, _, source = where.partition("<-")
+        return f"crosstalk from {source} into {to}"
+    if name.startswith("fixture-") and where == "fixture":
+        return _PHRASES[name].removesuffix(" at {}")
+    return _PHRASES.get(name, f"{name} at {{}}").format(where)
+
+
+def amount(size: float, unit: str, error: float | None = None) -> str:
+    """A size that is stored in ``unit``, with its standard error, in a unit that is easy to read."""
+    dimension = _DIMENSIONS.get(unit)
+    if dimension is None:
+        digits = decimals_for(math.nan if error is None else error)
+        return (
+            f"{figures(size)} {unit}"
+            if error is None
+            else f"{fixed(size, digits)} ± {fixed(error, digits)} {unit}"
+        )
+    si = SHOWN[dimension][1]
+    shown = (
+        fine_unit(dimension, size * si) if dimension in ("length", "angle") else unit_for(dimension)
+    )
+    value = size * si / shown.to_si
+    if error is None or not error > 0:
+        return f"{figures(value)} {shown.name}"
+    spread = error * si / shown.to_si
+    digits = decimals_for(spread)
+    return f"{fixed(value, digits)} ± {fixed(spread, digits)} {shown.name}"
+
+
+def sized(effect: MissingEffect | Rival) -> str:
+    """How big an effect is, with its standard error."""
+    told = amount(effect.size, effect.unit, effect.standard_error)
+    return f"{told} RMS" if effect.name in _SHAPES else told
+
+
+def headline(gap: Gap) -> str:
+    """The verdict in one sentence or two."""
+    if gap.verdict is Verdict.NOTHING:
+        told = "Nothing detectable is missing: the rig as described explains the readings."
+    elif gap.verdict is Verdict.UNKNOWN:
+        told = "Something is missing, and it is none of the effects that are known."
+    else:
+        parts = [f"{called(e.name, e.where)}, {sized(e)}" for e in gap.effects]
+        told = f"Missing: {'; and '.join(parts)}."
+        if gap.verdict is Verdict.AMBIGUOUS:
+            others = listed(
+                dict.fromkeys(called(r.name, r.where) for e in gap.effects for r in e.could_also_be)
+            )
+            told += f" This recording cannot tell it from {others}."
+    return f"{told} Provisional." if gap.provisional else told
+
+
+def odds(log_evidence: float) -> str:
+    """How likely a rival is beside the effect that is named, for ``log_evidence`` of at most 0."""
+    if log_evidence > -1.0:
+        return "about as likely"
+    if log_evidence > -3.0:
+        return f"less likely, about 1 : {math.exp(-log_evidence):.0f}"
+    if log_evidence > -7.0:
+        return f"much less likely, about 1 : {figures(math.exp(-log_evidence), 1)}"
+    return "far less likely, less than 1 : 1000, but not excluded"
+
+
+def rivals(effect: MissingEffect) -> str:
+    """What an effect cannot be told from."""
+    if not effect.could_also_be:
+        return "nothing else that was tested: every other effect leaves something behind"
+    return "; ".join(
+        f"{called(r.name, r.where)} of {sized(r)} ({odds(r.log_evidence)})"
+        for r in effect.could_also_be
+    )
+
+
+def evidence(effect: MissingEffect) -> str:
+    """How sure an effect is, and how much of it the geometry leaves to be seen."""
+    return (
+        f"it takes {figures(effect.explained)} noise units off the sum of squares "
+        f"({figures(math.sqrt(max(effect.explained, 0.0)), 2)} standard errors); the rig's parameters could "
+        f"have taken up {100.0 * (1.0 - effect.retained):.0f} % of its trace"
+    )
+
+
+def gap_closed(gap: Gap) -> str:
+    """The gap on held-out poses, before and after."""
+    held = gap.held_out
+    if held is None:
+        return f"not tested: {len(gap.table.counts)} poses are too few to hold any out"
+    before = f"{_beside(held.before, held.before_error)}"
+    if not gap.effects:
+        return f"{before} on {held.poses} held-out poses, where 1 is noise alone"
+    told = (
+        f"{before} before, {_beside(held.after, held.after_error)} after, "
+        f"on {held.poses} held-out poses, where 1 is noise alone"
+    )
+    if held.closed is None:
+        return f"{told}; there was no significant gap on them"
+    return f"{told}; {100.0 * held.closed:.1f} % of the gap is closed"
+
+
+def _beside(value: float, error: float) -> str:
+    digits = min(decimals_for(error), 3)
+    return f"{fixed(value, digits)} ± {fixed(error, digits)}"
+
+
+def noise_floor(gap: Gap) -> tuple[str, ...]:
+    """What noise is known from, and whether the model reaches it."""
+    before, after = gap.floor_before, gap.floor_after
+    if before.provisional:
+        known = (
+            "No pose was visited again. The noise within dwells stands in for all noise, and whatever else "
+            "differs from visit to visit would be taken for an effect: the verdict is provisional."
+        )
+    else:
+        known = (
+            f"{before.revisited} poses were visited again. Their readings scatter, from visit to visit, "
+            f"{figures(math.sqrt(before.variance))} times as much as noise within a dwell explains "
+            f"({before.freedoms} degrees of freedom)."
+        )
+    told = [
+        known,
+        f"Lack of fit of the rig as described: F = {figures(before.ratio)}, {chance(before.p)}.",
+    ]
+    if gap.effects:
+        told.append(
+            f"With what was found: F = {figures(after.ratio)}, {chance(after.p)}. "
+            "F near 1 means that the model explains all but noise."
+        )
+    return tuple(told)
+
+
+def chance(p: float) -> str:
+    """A p-value."""
+    return "p < 1e-6" if p < 1e-6 else f"p = {figures(p, 2)}"
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Detection limits of one effect over its places: where the recording sees it best and worst."""
+
+    name: str
+    places: int
+    best: Limit
+    worst: Limit
+
+
+def limits_by_effect(found: Sequence[Limit]) -> tuple[Limits, ...]:
+    """A row an effect and unit, in catalogue order."""
+    groups: dict[tuple[str, str], list[Limit]] = {}
+    for limit in found:
+        groups.setdefault((limit.name, limit.unit), []).append(limit)
+    return tuple(
+        Limits(
+            name,
+            len(group),
+            min(group, key=lambda each: each.size),
+            max(group, key=lambda each: each.size),
+        )
+        for (name, _), group in groups.items()
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Open:
+    """Effects at some places that could not be tested for one reason."""
+
+    name: str
+    places: tuple[str, ...]
+    reason: str
+
+    @property
+    def at(self) -> str:
+        """The places in short."""
+        return listed(self.places)
+
+
+def untested(gap: Gap) -> tuple[Open, ...]:
+    """What could not be tested, grouped by effect and reason."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for each in gap.untested:
+        groups.setdefault((each.name, each.reason), []).append(each.where)
+    return tuple(Open(name, tuple(places), reason) for (name, reason), places in groups.items())
+
+
+def listed(names: Iterable[str], most: int = 8) -> str:
+    """Names with commas; of many, the first ones and how many more."""
+    every = list(names)
+    if len(every) <= most:
+        return ", ".join(every)
+    return f"{', '.join(every[:most])} and {len(every) - most} more"
+
+
+def advice(gap: Gap) -> tuple[str, ...]:
+    """What to do next, in the order in which to do it."""
+    out = []
+    if gap.provisional:
+        out.append(
+            "Record again with poses that are visited three times or more ([plan] revisit): "
+            "only then is noise known, and the verdict firm."
+        )
+    if gap.verdict is Verdict.NAMED:
+        out.append(
+            "Take the effect into the rig: --rig-out RIG writes it with the effect and its size; "
+            "`loopcal capture RIG` and `loopcal solve` then calibrate it with everything else."
+        )
+    elif gap.verdict is Verdict.AMBIGUOUS:
+        out.append(
+            "Record poses that tell the rivals apart (a wider range of the channel, another load, another "
+            "direction of approach), and analyse again. Until then --rig-out RIG writes the likeliest."
+        )
+    elif gap.verdict is Verdict.UNKNOWN:
+        if gap.unknown.patterns and gap.unknown.p < _STRANGE:
+            strange = gap.unknown.patterns[0]
+            out.append(
+                f"Look at {strange.channel} over {_OVER.get(strange.over, strange.over)}: the strangest pattern "
+                "is there. --report PAGE draws every channel's disagreement with the rest of the loop."
+            )
+        out.append(
+            "Check what no description covers: a loose part, a wrong mechanism or fixture in the rig, a channel "
+            "that is wired to another joint. An effect of your own can be added (docs/howto-gap.md)."
+        )
+    else:
+        out.append(
+            "Nothing needs to be done. Effects below the detection limits may still be at work."
+        )
+    if gap.held_out is None:
+        out.append(
+            "Record more poses: with ten or more distinct ones the gap is tested on poses that are held out."
+        )
+    return tuple(out)
+
+
+_STRANGE = 0.05
+_OVER = {"pose": "the pose", "time": "time", "approach": "the direction of approach"}
