@@ -59,12 +59,20 @@ class Shift:
         amount: (P, T).
         by_coefficients: (P, T, k).
         by_values: (P, T, C) derivative with all channels' true values, or None where there is none.
+        relative: of parameters: whether the amount is a share of the parameter's present value.
     """
 
     targets: NDArray[np.intp]
     amount: Array
     by_coefficients: Array
     by_values: Array | None = None
+    relative: bool = False
+
+    def absolute(self, parameters: Array) -> Array:
+        """(P, T, k) derivative by the coefficients [SI], where the targets are out of ``parameters``."""
+        if not self.relative:
+            return self.by_coefficients
+        return self.by_coefficients * parameters[self.targets][:, None]
 
 
 @dataclass(frozen=True, slots=True)

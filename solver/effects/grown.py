@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.rig import Parameter, Rig, parameters
-from solver.effects.effect import Effect, Site
+from solver.effects.effect import Effect, Shift, Site
 from solver.effects.registry import effect_kinds
 from solver.errors import MechanismError
 from solver.mechanism.circumstances import Circumstances
@@ -138,13 +138,13 @@ class Grown:
             return self.plain.linearise(coordinates, x, along, at)
         each = np.tile(x, (poses, 1))
         for shift, _ in moving:
-            each[:, shift.targets] += shift.amount
+            each[:, shift.targets] += shift.amount * (x[shift.targets] if shift.relative else 1.0)
         targets = np.concatenate([shift.targets for shift, _ in moving])
         single = np.zeros((len(x), len(targets)))
         single[targets, np.arange(len(targets))] = 1.0
         plain = self.plain.linearise(coordinates, each, np.hstack([along, single]), at)
         rate = np.concatenate(
-            [shift.by_coefficients @ directions[columns] for shift, columns in moving], axis=1
+            [self._rate(shift, directions[columns], x, along) for shift, columns in moving], axis=1
         )
         readings, closure = plain.readings_by_parameters, plain.closure_by_parameters
         return replace(
@@ -152,6 +152,14 @@ class Grown:
             readings_by_parameters=readings[:, :, :wide] + readings[:, :, wide:] @ rate,
             closure_by_parameters=closure[:, :, :wide] + closure[:, :, wide:] @ rate,
         )
+
+    @staticmethod
+    def _rate(shift: Shift, directions: Array, parameters: Array, along: Array) -> Array:
+        """(P, T, n) how fast a shift of parameters moves them, coefficients along ``directions`` (k, n)."""
+        rate = shift.absolute(parameters) @ directions
+        if shift.relative:
+            rate = rate + shift.amount[:, :, None] * along[shift.targets]
+        return np.asarray(rate)
 
     def values(self, coordinates: Array, parameters: Array, at: Circumstances | None) -> Array:
         """(P, C) true values of the channels' places [rad or m] at ``coordinates`` (P, U)."""

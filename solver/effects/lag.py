@@ -2,6 +2,9 @@
 
 Only readings in motion show it (`solver.motion`). A delay that all channels share moves every
 pose along its own path and shows in none of them: delays are known against each other.
+
+The rate is taken from the channel itself, which is exact of a first-order filter (seen = v -
+delay d seen/dt); a pure delay differs from that by delay^2 / 2 times the acceleration.
 """
 
 from __future__ import annotations

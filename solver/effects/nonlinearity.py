@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Self
 
 import numpy as np
@@ -18,18 +18,22 @@ _MARGIN = 0.02  # of the range used, beyond it on both sides
 
 
 class Nonlinearity(Effect):
-    """delta = sum p_n P_n(x), n = 2 ... degree, Legendre polynomials over [low, high].
+    """delta = sum p_n P_n(x), n = 1 ... degree, Legendre polynomials over [low, high].
 
-    Orders 0 and 1 are the channel's offset and gain, and are left to them. A transducer bends
-    gently: higher orders are expected to be smaller, which the plausible sizes say.
+    Order 0 is the channel's offset and is left to it; so is order 1 where the gain is identified.
+    Where it is held, a bend that averages out over full scale still has a slope over the part
+    that is used. A transducer bends gently: higher orders are expected to be smaller, which the
+    plausible sizes say.
     """
 
     name = "nonlinearity"
     scanned = True
 
-    def __init__(self, site: Site, where: str, low: float, high: float, degree: int) -> None:
+    def __init__(
+        self, site: Site, where: str, low: float, high: float, orders: Sequence[int]
+    ) -> None:
         super().__init__(site, where)
-        self._degree = degree
+        self._orders = tuple(orders)
         self._channel = np.array([site.channel(where)], dtype=np.intp)
         self._low, self._high = low, high
 
@@ -44,21 +48,26 @@ class Nonlinearity(Effect):
         margin = _MARGIN * (high - low)
         if not high > low:
             return ()
-        return tuple(cls(site, where, low - margin, high + margin, n) for n in _DEGREES)
+        gain = site.table[site.parameter(f"{where}.gain")]
+        first = 2 if gain.identify or gain.tie is not None else 1
+        return tuple(
+            cls(site, where, low - margin, high + margin, range(first, highest + 1))
+            for highest in _DEGREES
+        )
 
     @classmethod
     def read(cls, site: Site, described: DescribedEffect) -> Self:
         cls.checked(site, described)
         low, high = (described.values.get(end, Quantity()).nominal for end in ("low", "high"))
         orders = [int(p[1:]) for p in described.values if p[0] == "p" and p[1:].isdigit()]
-        return cls(site, described.where, low, high, max([2, *orders])).fitting(described)
+        return cls(site, described.where, low, high, sorted(orders) or [2]).fitting(described)
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:
         dimension, wide = self.site.dimension(self.where), self._high - self._low
         return tuple(
-            Coefficient(f"p{n}", dimension, _PLAUSIBLE * wide * 2.0 / n)
-            for n in range(2, self._degree + 1)
+            Coefficient(f"p{n}", dimension, _PLAUSIBLE * wide * 2.0 / max(n, 2))
+            for n in self._orders
         )
 
     @property
@@ -69,8 +78,10 @@ class Nonlinearity(Effect):
     def seen(self, values: Array, coefficients: Array, at: Circumstances) -> Shift | None:
         scale = 2.0 / (self._high - self._low)
         x = scale * (values[:, self._channel[0]] - self._low) - 1.0
-        shapes = np.asarray(legendre.legvander(x, self._degree)[:, 2:], dtype=np.float64)
-        series = np.concatenate([np.zeros(2), coefficients])
+        orders = list(self._orders)
+        shapes = np.asarray(legendre.legvander(x, orders[-1])[:, orders], dtype=np.float64)
+        series = np.zeros(orders[-1] + 1)
+        series[orders] = coefficients
         by_values = np.zeros((len(values), 1, values.shape[1]))
         by_values[:, 0, self._channel[0]] = scale * legendre.legval(x, legendre.legder(series))
         return Shift(self._channel, (shapes @ coefficients)[:, None], shapes[:, None, :], by_values)

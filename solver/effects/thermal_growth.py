@@ -14,7 +14,7 @@ _WHERE = "links"
 
 
 class ThermalGrowth(Effect):
-    """Lengths of the arm behind its base, or of a platform's points, are 1 + rate t times the stated ones."""
+    """Lengths of the arm behind its base, or of a platform's points, are 1 + rate t times what they were."""
 
     name = "thermal-growth"
     needs = ("time_s",)
@@ -23,7 +23,6 @@ class ThermalGrowth(Effect):
         super().__init__(site, where)
         names = _lengths(site)
         self._targets = np.array([site.parameter(name) for name in names], dtype=np.intp)
-        self._stated = np.array([site.nominal(name) for name in names])
 
     @classmethod
     def places(cls, site: Site) -> tuple[str, ...]:
@@ -47,15 +46,16 @@ class ThermalGrowth(Effect):
     def moved(self, coefficients: Array, at: Circumstances, poses: int) -> Shift | None:
         if at.time_s is None:
             return None
-        growing = at.time_s[:, None] * self._stated
-        return Shift(self._targets, coefficients[0] * growing, growing[:, :, None])
+        growing = np.tile(at.time_s[:, None], len(self._targets))
+        amount = coefficients[0] * growing
+        return Shift(self._targets, amount, growing[:, :, None], relative=True)
 
     def size(self, coefficients: Array, values: Array, at: Circumstances) -> float:
         return float(coefficients[0])
 
 
 def _lengths(site: Site) -> tuple[str, ...]:
-    """Names of all lengths that grow, those of 0 left out."""
+    """Names of all lengths that grow, those that are stated as 0 and held left out."""
     mechanism = site.rig.mechanism
     if isinstance(mechanism, SerialMechanism):
         places = mechanism.places
@@ -66,5 +66,7 @@ def _lengths(site: Site) -> tuple[str, ...]:
     return tuple(
         p.name
         for p in site.table
-        if p.dimension == "length" and p.nominal and p.name.rpartition(".")[0] in owners
+        if p.dimension == "length"
+        and (p.nominal or p.identify)
+        and p.name.rpartition(".")[0] in owners
     )

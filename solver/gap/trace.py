@@ -47,8 +47,9 @@ def traces(fit: Fit, effects: Sequence[Effect]) -> list[Array]:
             D[:, seen.targets] += seen.by_coefficients / gain[seen.targets][:, None]
         if move is not None:
             place = np.searchsorted(targets, move.targets)
-            D += readings_by[:, :, place] @ move.by_coefficients
-            Cx += closure_by[:, :, place] @ move.by_coefficients
+            by_coefficients = move.absolute(fit.parameters)
+            D += readings_by[:, :, place] @ by_coefficients
+            Cx += closure_by[:, :, place] @ by_coefficients
         if coded is not None:
             D[:, coded.channel, 0] += coded.counts - here.readings[:, coded.channel]
         by_readings.append(D)
