@@ -68,6 +68,8 @@ class ChainGeometry:
             where there is nothing between.
         links: fixed transforms behind each joint, likewise.
         first_reach: (3,) [m] share of the seat's shift that belongs to the first joint's origin.
+        ahead: fixed transforms (J + 1) ahead of each joint and of the tip, which the frames that
+            joints begin in lie behind; None where they are nothing.
     """
 
     theta_offset: Array
@@ -79,6 +81,7 @@ class ChainGeometry:
     seat: Fixed | None = None
     links: Fixed | None = None
     first_reach: Array | None = None
+    ahead: Fixed | None = None
 
 
 def displaced(geometry: ChainGeometry, turned: Array, shifted: Array) -> ChainGeometry:
@@ -129,6 +132,7 @@ def chain_geometry(
         seat=stand.then(ahead[0]),
         links=Fixed(np.array([k.turn for k in links]), np.array([k.shift for k in links])),
         first_reach=turn(stand.turn, ahead[0].shift),
+        ahead=Fixed(np.array([k.turn for k in ahead]), np.array([k.shift for k in ahead])),
     )
 
 

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.rig import SerialMechanism
-from sim_devices.plant.chain import Chain, ChainGeometry
+from sim_devices.plant.chain import Chain, ChainGeometry, Fixed
 from sim_devices.plant.effects.effect import Effect
 from sim_devices.plant.errors import MechanismDoesNotClose
-from sim_devices.plant.quaternion import Array, product
+from sim_devices.plant.quaternion import Array
 
 CLOSED = 1e-11
 """Largest closure error of a closed loop [m, rad]."""
@@ -83,10 +83,13 @@ class Loop:
     def end(self, variables: Array, time_s: Array) -> tuple[Array, Array]:
         """Turns (n, 4) and origins (n, 3) [m] of the chain's end, in the base frame."""
         geometry = self.geometry(variables, time_s)
-        turns, frames, origins = self._chain.reach(geometry, variables)
-        back = turns[:, self._base] * np.array([1.0, -1.0, -1.0, -1.0])
-        apart = origins[:, -1] - origins[:, self._base]
-        return product(back, turns[:, -1]), (frames[:, self._base] @ apart[:, :, None])[:, :, 0]
+        turns, _, origins = self._chain.reach(geometry, variables)
+        base = Fixed(turns[:, self._base], origins[:, self._base])
+        if geometry.ahead is not None:
+            ahead = geometry.ahead
+            base = base.then(Fixed(ahead.turn[self._base], ahead.shift[..., self._base, :]).back)
+        end = base.back.then(Fixed(turns[:, -1], origins[:, -1]))
+        return end.turn, end.shift
 
     @property
     def is_steady(self) -> bool:

@@ -32,7 +32,7 @@ from sim_devices.plant.quaternion import Array
 
 _POINTS = 9
 _DENSE = 400
-_DEGREES = range(2, 41)
+_DEGREES = range(1, 41)
 
 Departure = Callable[[Array], Array]
 """Seen minus true value, at true values (n,) [rad or m]."""
@@ -107,7 +107,7 @@ class Nonlinearity(Effect):
         if not true["low"] < true["high"]:
             raise BadEffect(f"the effect '{effect.label}' of the rig has 'high' not above 'low'")
         unit, to_si = channel_unit(rig, effect.where)
-        bent = _legendre([true[f"p{n}"] for n in range(2, last + 1)], true["low"], true["high"])
+        bent = _legendre([true[f"p{n}"] for n in range(1, last + 1)], true["low"], true["high"])
         scale = np.linspace(true["low"], true["high"], _DENSE)
         return cls(effect.where, rms_about_line(scale, bent(scale)) / to_si, unit, bent)
 
@@ -128,8 +128,8 @@ def _spline(at: Array, departure: Array) -> Departure:
 def _legendre(coefficients: list[float], low: float, high: float) -> Departure:
     def bent(value: Array) -> Array:
         x = (2 * value - low - high) / (high - low)
-        before, now, total = x, (3 * x * x - 1) / 2, np.zeros_like(x)
-        for n, coefficient in enumerate(coefficients, start=2):
+        before, now, total = np.ones_like(x), x, np.zeros_like(x)
+        for n, coefficient in enumerate(coefficients, start=1):
             total = total + coefficient * now
             before, now = now, ((2 * n + 1) * x * now - n * before) / (n + 1)
         return np.asarray(total)

@@ -74,6 +74,11 @@ class ThermalGrowth(Effect):
             next_grows = 1 + grown * (joints + 1 >= self._first)
             links = Fixed(geometry.links.turn, geometry.links.shift * next_grows[:, :, None])
             out = replace(out, links=links)
+        if geometry.ahead is not None:
+            own = 1 + grown * (np.arange(coordinates.shape[1] + 1) >= self._first)
+            out = replace(
+                out, ahead=replace(geometry.ahead, shift=geometry.ahead.shift * own[:, :, None])
+            )
         if geometry.seat is not None and geometry.first_reach is not None and self._first == 0:
             out = replace(
                 out,
