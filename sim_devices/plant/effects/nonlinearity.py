@@ -6,7 +6,7 @@ from the best straight line over full scale, in percent of full scale; a plain n
 m] is the RMS departure from the best straight line over the travel that the plan uses. Truth
 tells the latter in both cases.
 
-Described, it is a sum of Legendre polynomials from P2 on, by Bonnet's recurrence
+Described, it is a sum of Legendre polynomials from P1 on, by Bonnet's recurrence
 (n + 1) P_n+1 = (2 n + 1) x P_n - n P_n-1.
 """
 
@@ -102,7 +102,7 @@ class Nonlinearity(Effect):
         check_place(effect, channel_names(rig))
         dimension = channel_dimension(rig, effect.where)
         parts = {f"p{n}": dimension for n in _DEGREES}
-        last = max((n for n in _DEGREES if f"p{n}" in effect.values), default=2)
+        last = max((n for n in _DEGREES if f"p{n}" in effect.values), default=1)
         true = read_values(effect, values, parts, {"low": dimension, "high": dimension})
         if not true["low"] < true["high"]:
             raise BadEffect(f"the effect '{effect.label}' of the rig has 'high' not above 'low'")

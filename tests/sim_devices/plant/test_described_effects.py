@@ -103,8 +103,15 @@ DEG = np.pi / 180
 FORMULAS = [
     (
         "nonlinearity",
-        {"p2_deg": 0.3, "p3_deg": -0.2, "p7_deg": 0.1, "low_deg": -80, "high_deg": 70},
-        DEG * legendre.legval((2 * VALUE / DEG + 80 - 70) / 150, [0, 0, 0.3, -0.2, 0, 0, 0, 0.1]),
+        {
+            "p1_deg": 0.4,
+            "p2_deg": 0.3,
+            "p3_deg": -0.2,
+            "p7_deg": 0.1,
+            "low_deg": -80,
+            "high_deg": 70,
+        },
+        DEG * legendre.legval((2 * VALUE / DEG + 80 - 70) / 150, [0, 0.4, 0.3, -0.2, 0, 0, 0, 0.1]),
     ),
     (
         "eccentricity",
