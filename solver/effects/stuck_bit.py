@@ -79,8 +79,9 @@ class StuckBit(ChannelEffect):
 
     def coded(self, counts: Array, coefficients: Array, at: Circumstances) -> Coded | None:
         sigma = spread(at.noise, self.channel, len(counts))
-        mean, slope = expected(counts[:, self.channel], sigma, self.law)
-        return Coded(self.channel, mean, slope, np.zeros((len(counts), 0)))
+        mean, _ = expected(counts[:, self.channel], sigma, self.law)
+        # Between its jumps the code follows the reading; a search that saw the jumps would not end.
+        return Coded(self.channel, mean, np.ones(len(counts)), np.zeros((len(counts), 0)))
 
     def size(self, coefficients: Array, values: Array, at: Circumstances) -> float:
         return float(abs(self.site.nominal(f"{self.where}.gain")) * (1 << self._bit))

@@ -6,12 +6,14 @@ section of a paper; each step lives in a file of its own.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from recordings.reader import Recording
-from recordings.rig import Rig, parameters
+from recordings.rig import DescribedEffect
+from solver.drives import held_joints
 from solver.effects.effect import Array, Effect, Site
 from solver.effects.registry import effect_kinds
 from solver.errors import MechanismError, NotEnoughData
@@ -22,15 +24,20 @@ from solver.gap.fit import Fit, refit
 from solver.gap.floor import Floor, floor, same_poses
 from solver.gap.held_out import held_out
 from solver.gap.limits import limits
+from solver.gap.raw_codes import censored, defects
 from solver.gap.result import Gap, MissingEffect, Rival, Verdict
-from solver.gap.search import Named, Possible, Search, search
+from solver.gap.search import MORE, Named, Possible, Search, look, search
 from solver.gap.unknown import Unknown, unknown
+from solver.mechanism.circumstances import Circumstances
 from solver.mechanism.model import mechanism_model
 from solver.mechanism.space import ParameterSpace
+from solver.mechanism.statics import loads
+from solver.motion import with_motion
 from solver.samples import PoseTable, average
 
 _LACK = 0.01  # p of the lack of fit below which a model is not enough
 _STRANGE = 0.01  # the same of patterns of no known effect
+_SHAPE = 0.03  # of what is named: less is but its exact shape
 _STEP = 1e-4  # of a standard error, for the derivative of a size
 
 
@@ -51,22 +58,36 @@ def analyse(
         NotEnoughData: no dwells, a silent channel, or too few poses for the parameters.
         MechanismError: the loop does not close at the nominal parameters.
     """
-    rig, rng = recording.rig, np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     table = average(recording)
     progress("fitting the rig as described", 0.0)
-    fit = first_fit(rig, table)
-    poses = same_poses(table.windows, table.counts)
+    broken = defects(recording, table)
+    plain = first_fit(recording, table)
+    fit = first_fit(recording, table, broken) if broken else plain
     found = search(fit, rng, lambda text: progress(text, 0.3))
-    floors = floor(found.before.fit, poses), floor(found.after.fit, poses)
+    # Only motion shows a lag: readings in motion are added, and kept where one stands out.
+    moving, _ = with_motion(recording, table)
+    if len(moving.counts) > len(table.counts) and _lags(recording, moving, broken, found, rng):
+        table = moving
+        plain = first_fit(recording, table)
+        fit = first_fit(recording, table, broken) if broken else plain
+        found = search(fit, rng, lambda text: progress(text, 0.45))
+    poses = same_poses(table.windows, table.counts)
+    floors = floor(plain, poses), floor(found.after.fit, poses)
     left = unknown(found.after.fit, rng)
-    verdict, reasons = _concluded(found, floors, left)
+    verdict, reasons = _concluded(found, len(broken), floors, left)
     named = verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
-    effects = tuple(_missing(found, number) for number in range(len(found.named))) if named else ()
+    effects = (
+        *(_defect(plain, fit, entry) for entry in broken),
+        *(_missing(found, number) for number in range(len(found.named)) if named),
+    )
     after = found.after.fit if named else fit
     variance = max(_variance(floors[1] if named else floors[0], after), 1e-300)
+    known: tuple[Effect, ...] = fit.effects[len(plain.effects) :]
     added: tuple[Effect, ...] = after.effects[len(fit.effects) :]
     gap = held_out(
-        fit,
+        plain,
+        known,
         added,
         poses,
         variance,
@@ -81,7 +102,7 @@ def analyse(
         reasons,
         effects,
         table,
-        fit,
+        plain,
         after,
         floors[0],
         floors[1] if named else floors[0],
@@ -90,34 +111,79 @@ def analyse(
         limits(found.before),
         found.before.untestable,
         gap,
-        disagreement(fit, noise),
+        disagreement(plain, noise),
         disagreement(after, noise),
         found,
     )
 
 
-def first_fit(rig: Rig, table: PoseTable) -> Fit:
+def _lags(
+    recording: Recording,
+    moving: PoseTable,
+    broken: Sequence[DescribedEffect],
+    found: Search,
+    rng: np.random.Generator,
+) -> bool:
+    """Whether a lag stands out of readings in motion, beside what was found at rest."""
+    still = first_fit(recording, moving, broken)
+    effects = (*still.effects, *(named.best.effect for named in found.named))
+    start = np.concatenate(
+        [still.parameters, *(_last_coefficients(n.best.after.fit) for n in found.named)]
+    )
+    fit = refit(still.model.site, effects, still.observed, start, still.settled.coordinates)
+    if fit is None:
+        return False
+    seen = look(fit, rng)
+    standing = seen.screen.significant(MORE)
+    return any(standing[i] for i, c in enumerate(seen.candidates) if "rate" in c.variants[0].needs)
+
+
+def _last_coefficients(fit: Fit) -> Array:
+    return fit.coefficients(len(fit.effects) - 1)
+
+
+def first_fit(
+    recording: Recording, table: PoseTable, beside: Sequence[DescribedEffect] = ()
+) -> Fit:
     """The rig as described, with the effects that it describes, fitted to all poses.
+
+    Args:
+        recording: whose rig and modes count.
+        table: the poses.
+        beside: effects that are known already though the rig does not describe them.
 
     Raises:
         NotEnoughData: too few poses for the parameters.
         MechanismError: the loop does not close.
     """
+    rig = recording.rig
     site = Site(rig)
-    observed = Observations(table.counts, table.sigma, table.circumstances(rig))
+    sigma = censored(table.sigma, table, beside)
+    observed = Observations(table.counts, sigma, table.circumstances(rig))
     space = ParameterSpace.of(site.table)
     plain = mechanism_model(site.rig, site.table)
     estimate = likelihood.identify(plain, space, observed)
-    given = {p.name: p.nominal for p in parameters(rig)}
     kinds = effect_kinds()
-    effects = [kinds[e.name].read(site, e) for e in rig.effects if e.name in kinds]
-    if len(effects) < len(rig.effects):
-        unknown_names = [e.name for e in rig.effects if e.name not in kinds]
+    described = (*rig.effects, *beside)
+    strangers = [e.name for e in described if e.name not in kinds]
+    if strangers:
         raise MechanismError(
-            f"rig '{rig.name}' has the effect '{unknown_names[0]}', which is not known; "
+            f"rig '{rig.name}' has the effect '{strangers[0]}', which is not known; "
             f"known are: {', '.join(kinds)}"
         )
-    coefficients = [given[f"{e.label}.{c.name}"] for e in effects for c in e.coefficients]
+    # Of a rail there is nothing to model: the readings at it are worthless, the others untouched.
+    described = tuple(e for e in described if e not in beside or e.name != "saturation")
+    effects = [kinds[e.name].read(site, e) for e in described]
+    coefficients = [
+        entry.values[c.name].nominal
+        for entry, effect in zip(described, effects, strict=True)
+        for c in effect.coefficients
+    ]
+    held = held_joints(recording, table.windows)
+    found = loads(rig, estimate.coordinates, estimate.parameters, held, observed.at)
+    observed = replace(
+        observed, at=(observed.at or Circumstances()).loaded(found.torque, found.force)
+    )
     start = np.concatenate([estimate.parameters, coefficients])
     fit = refit(site, effects, observed, start, estimate.coordinates)
     if fit is None:
@@ -139,7 +205,7 @@ def _variance(found: Floor, fit: Fit) -> float:
 
 
 def _concluded(
-    found: Search, floors: tuple[Floor, Floor], left: Unknown
+    found: Search, broken: int, floors: tuple[Floor, Floor], left: Unknown
 ) -> tuple[Verdict, tuple[str, ...]]:
     """The verdict, and what it rests on in words."""
     before, after = floors
@@ -148,9 +214,16 @@ def _concluded(
         reasons.append(
             "No pose was visited again, so noise from visit to visit is not known: the verdict is provisional."
         )
-    lacking = after.p < _LACK
-    strange = left.p < _STRANGE
+    if broken:
+        reasons.append(
+            "Raw codes show a defect of a converter by themselves, whatever the mechanism."
+        )
+    remainder = _remainder(found, after)
+    lacking = after.p < _LACK and remainder > _SHAPE
+    strange = left.p < _STRANGE and remainder > _SHAPE
     if not found.named:
+        if broken and found.complete and not (lacking or strange):
+            return Verdict.NAMED, tuple(reasons)
         if lacking or strange or not found.complete:
             reasons.append(
                 f"Something is missing (lack of fit: F = {after.ratio:.2f}, p = {after.p:.2g}; strangest pattern: "
@@ -169,12 +242,51 @@ def _concluded(
             f"p = {after.p:.2g}; strangest pattern p = {left.p:.2g}."
         )
         return Verdict.UNKNOWN, tuple(reasons)
+    if min(after.p, left.p) < _LACK:
+        reasons.append(
+            f"What is left is {100 * remainder:.1f} % of what is named: its exact shape, or a further small effect."
+        )
     reasons.append(
         f"With what is named the fit reaches the noise floor (F = {after.ratio:.2f}, p = {after.p:.2g}), and "
         f"no other candidate stands out (p = {found.after.screen.p:.2g})."
     )
     ambiguous = any(named.rivals for named in found.named)
     return (Verdict.AMBIGUOUS if ambiguous else Verdict.NAMED), tuple(reasons)
+
+
+def _remainder(found: Search, after: Floor) -> float:
+    """What the named effects leave beyond noise, as a share of what they explain."""
+    before, rest = found.before.fit, found.after.fit
+    noise = after.variance if not after.provisional else 1.0
+    explained = before.rss - rest.rss
+    if explained <= 0:
+        return np.inf
+    return max(rest.rss - noise * rest.freedoms, 0.0) / explained
+
+
+def _defect(plain: Fit, fit: Fit, entry: DescribedEffect) -> MissingEffect:
+    """A defect of a converter, known from raw codes to the count."""
+    effect = effect_kinds()[entry.name].read(fit.model.site, entry)
+    noise = fit.rss / max(fit.freedoms, 1)
+    coefficients = np.array([entry.values[c.name].nominal for c in effect.coefficients])
+    size = effect.size(coefficients, fit.values, fit.at)
+    channel = fit.model.channels.index(effect.where)
+    # How far the travel goes beyond a rail is known as well as the rest of the loop knows the channel.
+    beyond = disagreement(fit).standard_error[:, channel]
+    error = float(np.nanmax(beyond)) * (entry.name == "saturation")
+    if effect.dimension == "angle":
+        error *= np.pi / 180.0
+    return MissingEffect(
+        effect.name,
+        effect.where,
+        size / effect.to_si,
+        error / effect.to_si,
+        effect.unit,
+        (),
+        max(plain.rss - fit.rss, 0.0) / max(noise, 1e-300),
+        1.0,
+        entry,
+    )
 
 
 def _missing(found: Search, number: int) -> MissingEffect:

@@ -25,6 +25,7 @@ from solver.mechanism.space import ParameterSpace
 Array = NDArray[np.float64]
 
 _ITERATIONS = 40
+_WORTHLESS = 1e2  # times the usual standard deviation: such a reading takes no part
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,9 @@ class Fit:
     @property
     def freedoms(self) -> int:
         """Degrees of freedom of `rss`."""
-        return len(self.residual) * self.redundancy + len(self.known) - self.rank
+        sigma = self.observed.sigma
+        worthless = int(np.sum(sigma > _WORTHLESS * np.median(sigma, axis=0)))
+        return len(self.residual) * self.redundancy - worthless + len(self.known) - self.rank
 
     @property
     def at(self) -> Circumstances:

@@ -52,7 +52,8 @@ class HeldOut:
 
 def held_out(
     fit: Fit,
-    effects: Sequence[Effect],
+    known: Sequence[Effect],
+    named: Sequence[Effect],
     poses: NDArray[np.intp],
     variance: float,
     rng: np.random.Generator,
@@ -62,7 +63,8 @@ def held_out(
 
     Args:
         fit: the model as it was.
-        effects: that were named; as many are looked for again in each part of the poses.
+        known: effects that raw codes show, whatever the poses.
+        named: effects that were named; as many are looked for again in each part of the poses.
         poses: (P,) which pose each dwell visited.
         variance: of the noise, in units of the assumed one.
         rng: deals the poses out.
@@ -88,7 +90,7 @@ def held_out(
         )
         if base is None:
             continue
-        grown = _grown(base, effects, rng)
+        grown = _grown(base, known, named, rng)
         before[tested] = _squares(base, fit, tested, variance)
         after[tested] = _squares(grown, fit, tested, variance)
     used = ~(np.isnan(before) | np.isnan(after))
@@ -110,20 +112,30 @@ def held_out(
     )
 
 
-def _grown(base: Fit, effects: Sequence[Effect], rng: np.random.Generator) -> Fit:
-    """``base`` with as many effects as ``effects``, chosen anew by what its own poses show."""
+def _grown(
+    base: Fit, known: Sequence[Effect], named: Sequence[Effect], rng: np.random.Generator
+) -> Fit:
+    """``base`` with what is known and as many effects as ``named``, chosen anew by its own poses.
+
+    Where the choice falls on an effect that was named, its settings are those that were found in
+    all poses: a moment between two held-out dwells cannot be found without them.
+    """
     now, limits = base, None
-    for _ in effects:
+    for effect in known:
+        now = extended(now, effect, np.array([c.start for c in effect.coefficients])) or now
+    settings = {effect.label: effect for effect in named}
+    for _ in named:
         seen = look(now, rng, limits)
         limits = seen.screen.threshold
         evidence = seen.screen.log_evidence
         if not len(evidence) or not np.isfinite(evidence).any():
             break
         form = seen.form(int(np.argmax(evidence)))
-        start = np.array([c.start for c in form.effect.coefficients])
-        if not form.whole:
+        effect = settings.get(form.effect.label, form.effect)
+        start = np.array([c.start for c in effect.coefficients])
+        if not form.whole and effect is form.effect:
             start = np.linalg.lstsq(form.trace, now.residual.ravel(), rcond=1e-6)[0]
-        more = extended(now, form.effect, start)
+        more = extended(now, effect, start)
         if more is None:
             break
         now = more

@@ -9,7 +9,7 @@ swapped for every rival in turn. What still stands out after that is none of the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,7 @@ _RIVALS = 8  # candidates that are refitted in full, at most
 _MARGIN = 30.0  # noise units of chi-square by which a rival may explain less and still be refitted
 _SHARE = 0.05  # or this share of the best
 _SHAPE = 0.03  # of a named effect's chi-square: less, at the same place, is its shape, not another effect
+_FORM = 0.015  # of the best explanation: by so much the right effect may miss it
 _IMPOSSIBLE = 3.0  # standard errors beyond a physical bound
 
 
@@ -154,8 +155,11 @@ def search(fit: Fit, rng: np.random.Generator, progress: Progress = lambda text:
     if len(chosen) == 1:
         return Search(before, now, (_named(chosen[0], [p for p in first if p.enough]),), complete)
     named: list[Named] = []
-    for number in range(len(now.fit.effects) - len(chosen), len(now.fit.effects)):
-        reduced = without(now.fit, number)
+    for mine in [p.effect.label for p in chosen]:
+        labels = [effect.label for effect in now.fit.effects]
+        if mine not in labels:
+            continue
+        reduced = without(now.fit, labels.index(mine))
         if reduced is None:
             continue
         around = look(reduced, rng)
@@ -163,9 +167,9 @@ def search(fit: Fit, rng: np.random.Generator, progress: Progress = lambda text:
             now = around  # the others have made it needless
             continue
         rivals = [p for p in possible(around, rng, progress) if p.enough]
-        mine = now.fit.effects[number].label
         own = next((p for p in rivals if p.effect.label == mine), None)
-        named.append(_named(own or (rivals[0] if rivals else chosen[len(named)]), rivals))
+        first_choice = next(p for p in chosen if p.effect.label == mine)
+        named.append(_named(own or (rivals[0] if rivals else first_choice), rivals))
     return Search(before, now, tuple(named), complete)
 
 
@@ -192,14 +196,20 @@ def possible(now: Look, rng: np.random.Generator, progress: Progress) -> list[Po
         fit = _refitted(now, int(i))
         if fit is None or fit.rss > now.fit.rss:
             continue
-        explained = (now.fit.rss - fit.rss) / max(fit.rss / max(fit.freedoms, 1), 1e-300)
+        explained = (now.fit.rss - fit.rss) / _noise_of(now)
         if explained < min(most - _MARGIN, (1.0 - _SHARE) * most):
             continue  # the best one would stand out behind it
         added = _added(now, int(i), fit, explained, rng, limits)
         limits = added.after.screen.threshold if limits is None and added.enough else limits
         most = max(most, explained)
         out.append(added)
-    return sorted(out, key=lambda p: -p.log_evidence)
+    # No effect has exactly the form that a model gives it: a small share of the best fit is forgiven.
+    forgiven = (0.5 * min(most - p.explained, _FORM * most) for p in out)
+    fair = [
+        replace(p, log_evidence=p.log_evidence + more)
+        for p, more in zip(out, forgiven, strict=True)
+    ]
+    return sorted(fair, key=lambda p: -p.log_evidence)
 
 
 def _refitted(now: Look, candidate: int) -> Fit | None:
@@ -228,7 +238,7 @@ def _added(
     linear = float(now.screen.scores.log_evidence[now.screen.best_form[candidate]])
     spread = float(now.screen.log_evidence[candidate]) - linear
     # The evidence of the linear model, with the misfit that the full refit reached in its place.
-    gain = explained / 2.0 - now.statistic(candidate) / (2.0 * _noise_of(now))
+    gain = 0.5 * (explained - now.statistic(candidate) / _noise_of(now))
     return Possible(
         form.effect,
         after,
