@@ -97,6 +97,9 @@ def show(gap: Gap, console: Console) -> None:
     say(words.gap_closed(gap))
     for reason in gap.reasons:
         say(reason)
+    if gap.verdict is not Verdict.UNKNOWN:
+        for line in words.outlying(gap):
+            say(line)
     head("Smallest sizes that this recording would have shown, in nine cases of ten")
     console.print(_limits(gap))
     open_ones = words.untested(gap)

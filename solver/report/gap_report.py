@@ -12,8 +12,12 @@ from recordings.reader import Recording
 from recordings.session import SOFTWARE, to_metadata
 from solver.gap.result import Gap, Verdict
 from solver.report import gap_words
+from solver.report.notation import figures, fixed
+from solver.report.pictures.canvas import Picture
+from solver.report.pictures.gap_held_out import held_out_picture
+from solver.report.pictures.gap_maps import disagreements, pose_maps
 from solver.report.report import template, write_page
-from solver.report.verdict import Grade
+from solver.report.verdict import Fact, Grade
 
 _GRADES: dict[Verdict, Grade] = {
     Verdict.NAMED: "good",
@@ -21,6 +25,9 @@ _GRADES: dict[Verdict, Grade] = {
     Verdict.NOTHING: "good",
     Verdict.UNKNOWN: "bad",
 }
+_SIGNIFICANT = 2.0  # standard errors
+_SMALL = 0.1
+_LACK = 0.01
 
 
 def write_gap_report(
@@ -54,9 +61,11 @@ def render_gap(
         gap=gap,
         rig=recording.rig,
         grade="caution" if gap.provisional and gap.effects else _GRADES[gap.verdict],
-        facts=(),
-        held_out=None,
-        maps=(),
+        facts=_facts(gap),
+        held_out=None
+        if gap.held_out is None
+        else held_out_picture(gap.held_out, bool(gap.effects)),
+        maps=_maps(gap),
         words=gap_words,
         next_poses=next_poses,
         session=to_metadata(recording.session),
@@ -64,3 +73,70 @@ def render_gap(
         software=SOFTWARE,
         command=f"loopcal gap {shlex.quote(str(recording.path))} --seed {seed} --report PAGE.html",
     )
+
+
+def _maps(gap: Gap) -> tuple[Picture, ...]:
+    """Every channel against the rest, before and, where something was found, after."""
+    first, last = gap.disagreement_before, gap.disagreement_after
+    if not gap.effects:
+        return disagreements(gap.before, first, after=False), pose_maps(gap.before, first, None)
+    return (
+        disagreements(gap.before, first, after=False),
+        disagreements(gap.after, last, after=True),
+        pose_maps(gap.before, first, last),
+    )
+
+
+def _facts(gap: Gap) -> tuple[Fact, ...]:
+    """The numbers behind the verdict, and how to take each."""
+    out = []
+    held = gap.held_out
+    if held is None:
+        out.append(Fact("Gap", "not tested", gap_words.gap_closed(gap), "caution"))
+    else:
+        open_gap = held.before - 1.0 > _SIGNIFICANT * held.before_error
+        note = f"on {held.poses} held-out poses, where 1 is noise alone"
+        out.append(
+            Fact("Gap as described", figures(held.before), note, "caution" if open_gap else "good")
+        )
+        if gap.effects:
+            left = held.after - 1.0 > max(_SIGNIFICANT * held.after_error, _SMALL)
+            closed = (
+                "there was no significant gap"
+                if held.closed is None
+                else f"{fixed(100.0 * held.closed, 1)} % of the gap is closed"
+            )
+            out.append(
+                Fact(
+                    "Gap with it added", figures(held.after), closed, "caution" if left else "good"
+                )
+            )
+    floor = gap.floor_after
+    out.append(
+        Fact(
+            "Lack of fit",
+            f"F = {figures(floor.ratio)}",
+            f"{gap_words.chance(floor.p)}; F near 1 is noise alone",
+            "good" if floor.p >= _LACK else "caution",
+        )
+    )
+    tested = len(gap.search.before.candidates)
+    out.append(
+        Fact(
+            "Tested",
+            f"{tested}",
+            f"effects at a place; {len(gap.untested)} more could not be tested",
+            "good",
+        )
+    )
+    out.append(
+        Fact(
+            "Visited again",
+            f"{floor.revisited}",
+            "poses: noise from visit to visit is not known"
+            if floor.provisional
+            else "poses, from which noise is known",
+            "caution" if floor.provisional else "good",
+        )
+    )
+    return tuple(out)

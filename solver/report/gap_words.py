@@ -10,6 +10,8 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from recordings.rig.quantity import SHOWN
 from solver.gap.result import Gap, Limit, MissingEffect, Rival, Verdict
 from solver.report.notation import decimals_for, figures, fine_unit, fixed, unit_for
@@ -33,6 +35,8 @@ _PHRASES = {
     "thermal-growth": "thermal growth of the {}",
 }
 _SHAPES = frozenset({"nonlinearity", "eccentricity", "cyclic-error"})  # told by their RMS
+_OUTLYING = 6.0  # standard errors
+_MOST_OUTLYING = 5
 _DIMENSIONS = {unit: dimension for dimension, (unit, _) in SHOWN.items()}
 
 
@@ -146,6 +150,7 @@ def _beside(value: float, error: float) -> str:
 def noise_floor(gap: Gap) -> tuple[str, ...]:
     """What noise is known from, and whether the model reaches it."""
     before, after = gap.floor_before, gap.floor_after
+    best = after if gap.effects else before
     if before.provisional:
         known = (
             "No pose was visited again. The noise within dwells stands in for all noise, and whatever else "
@@ -154,7 +159,7 @@ def noise_floor(gap: Gap) -> tuple[str, ...]:
     else:
         known = (
             f"{before.revisited} poses were visited again. Their readings scatter, from visit to visit, "
-            f"{figures(math.sqrt(before.variance))} times as much as noise within a dwell explains "
+            f"{figures(math.sqrt(best.variance))} times as much as noise within a dwell explains "
             f"({before.freedoms} degrees of freedom)."
         )
     told = [
@@ -172,6 +177,29 @@ def noise_floor(gap: Gap) -> tuple[str, ...]:
 def chance(p: float) -> str:
     """A p-value."""
     return "p < 1e-6" if p < 1e-6 else f"p = {figures(p, 2)}"
+
+
+def outlying(gap: Gap) -> tuple[str, ...]:
+    """Dwells that stand far out when all is said: single poses, such as no effect explains."""
+    found = gap.disagreement_after
+    z = np.abs(found.difference / found.standard_error)
+    z = np.where(np.isfinite(z), z, 0.0)
+    out = []
+    for dwell in np.flatnonzero(z.max(axis=1, initial=0.0) > _OUTLYING)[:_MOST_OUTLYING]:
+        window, channel = gap.table.windows[dwell], int(z[dwell].argmax())
+        out.append(
+            f"Pose {window.pose}, visit {window.visit}, stands alone: {found.channels[channel]} lies "
+            f"{figures(float(z[dwell, channel]), 2)} standard errors from what the rest of the loop predicts."
+        )
+    return tuple(out)
+
+
+def limits_by_name(found: Sequence[Limit]) -> dict[str, list[Limit]]:
+    """Limits of each effect, in catalogue order."""
+    out: dict[str, list[Limit]] = {}
+    for limit in found:
+        out.setdefault(limit.name, []).append(limit)
+    return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,24 +268,24 @@ def advice(gap: Gap) -> tuple[str, ...]:
         )
     if gap.verdict is Verdict.NAMED:
         out.append(
-            "Take the effect into the rig: --rig-out RIG writes it with the effect and its size; "
+            "Take the effect into the rig: `--rig-out RIG` writes it with the effect and its size; "
             "`loopcal capture RIG` and `loopcal solve` then calibrate it with everything else."
         )
     elif gap.verdict is Verdict.AMBIGUOUS:
         out.append(
             "Record poses that tell the rivals apart (a wider range of the channel, another load, another "
-            "direction of approach), and analyse again. Until then --rig-out RIG writes the likeliest."
+            "direction of approach), and analyse again. Until then `--rig-out RIG` writes the likeliest."
         )
     elif gap.verdict is Verdict.UNKNOWN:
         if gap.unknown.patterns and gap.unknown.p < _STRANGE:
             strange = gap.unknown.patterns[0]
             out.append(
                 f"Look at {strange.channel} over {_OVER.get(strange.over, strange.over)}: the strangest pattern "
-                "is there. --report PAGE draws every channel's disagreement with the rest of the loop."
+                "is there. `--report PAGE` draws every channel's disagreement with the rest of the loop."
             )
         out.append(
             "Check what no description covers: a loose part, a wrong mechanism or fixture in the rig, a channel "
-            "that is wired to another joint. An effect of your own can be added (docs/howto-gap.md)."
+            "that is wired to another joint. You can add effects of your own (docs/howto-own-effect.md)."
         )
     else:
         out.append(

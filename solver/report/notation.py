@@ -6,6 +6,8 @@ import math
 import re
 from dataclasses import dataclass
 
+from markupsafe import Markup, escape
+
 from recordings.rig import Parameter
 
 _READABLE: dict[str, tuple[str, float]] = {
@@ -98,3 +100,12 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 def typeset(text: str) -> str:
     """``text`` with true minus signs before its numbers, for a page."""
     return _MINUS.sub("−", text)
+
+
+def coded(text: str) -> Markup:
+    """``text`` for a page, with what stands between backquotes as code."""
+    parts = [escape(part) for part in text.split("`")]
+    return Markup("").join(
+        Markup("<code>{}</code>").format(part) if odd % 2 else part
+        for odd, part in enumerate(parts)
+    )

@@ -27,7 +27,16 @@ from solver.report.channels import channel_summaries
 from solver.report.comparison import compare
 from solver.report.judged import judged
 from solver.report.leverage import expected_residuals
-from solver.report.notation import decimals_for, figures, fixed, plain, signed, typeset, unit_of
+from solver.report.notation import (
+    coded,
+    decimals_for,
+    figures,
+    fixed,
+    plain,
+    signed,
+    typeset,
+    unit_of,
+)
 from solver.report.pictures.changes import changes
 from solver.report.pictures.closures import closures
 from solver.report.pictures.residuals import residuals
@@ -172,6 +181,7 @@ def template(name: str = "report.html.jinja") -> Template:
         lstrip_blocks=True,
     )
     environment.filters["typeset"] = typeset
+    environment.filters["coded"] = coded
     environment.filters["capitalised"] = lambda text: text[:1].upper() + text[1:]
     environment.globals.update(
         fixed=lambda value, digits: typeset(fixed(value, digits)),
