@@ -359,6 +359,46 @@ def gap(
 
 
 @app.command()
+def blind(
+    output: Annotated[
+        Path,
+        typer.Option("--out", metavar="FOLDER", help="Where cases, scores and pictures go."),
+    ] = Path("blind-output"),
+    short: Annotated[
+        bool, typer.Option("--short", help="Some thirty cases, a few minutes: what the tests run.")
+    ] = False,
+    runs: Annotated[
+        int, typer.Option("--runs", min=1, help="Times that the whole grid is played.")
+    ] = 1,
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Processes at work.")] = 2,
+    seed: SeedOption = 1,
+    only: Annotated[
+        str | None,
+        typer.Option(
+            "--only",
+            metavar="EFFECT",
+            help="Cases of one effect only; or of one kind: null, double, outsider.",
+        ),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on where a run in the same folder was ended.")
+    ] = False,
+) -> None:
+    """Hide effects in nature, analyse the recordings blindly, and score the answers.
+
+    The whole grid takes hours. Exit code 1 says that a score falls short.
+    """
+    from loopcal.blind.command import run_blind
+
+    with explained():
+        met = run_blind(
+            output, short=short, runs=runs, jobs=jobs, seed=seed, only=only, resume=resume
+        )
+    if not met:
+        raise typer.Exit(1)
+
+
+@app.command()
 def apply(
     result: Annotated[
         Path, typer.Argument(metavar="RESULT", help="A result file, from solve --json.")
