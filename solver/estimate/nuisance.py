@@ -32,6 +32,7 @@ _OUTLYING = 30.0  # a pose this many times worse than the median may sit on anot
 _ASTRAY = 1000.0  # the same where the start has followed the branch: 20 standard deviations
 _NEIGHBOURS = 3  # whose assembly such a pose tries
 _HANDED_ON = 5  # times that an assembly is handed from neighbour to neighbour
+_WORTHLESS = 1e-4  # of the best-known coordinate's weight
 _REGULARISED = (
     1e-11  # keeps the KKT matrix of a singular pose invertible; far below any information
 )
@@ -188,6 +189,9 @@ def _kkt(at: Linearised, observed: Observations) -> tuple[Array, Array, Array]:
     weighted = at.readings_by_coordinates / observed.sigma[:, :, None]
     residual = (observed.counts - at.readings) / observed.sigma
     norms = np.linalg.norm(weighted, axis=1)
+    # Nothing is scaled up more than so much: a reading that is worth nothing must not rule the closure.
+    largest = norms.max(axis=1, keepdims=True)
+    norms = np.where(norms > 0, np.maximum(norms, _WORTHLESS * largest), 0.0)
     floor = np.where(norms > 0, norms, np.inf).min(axis=1, keepdims=True)
     scale = 1.0 / np.where(norms > 0, norms, floor)
     H = weighted * scale[:, None, :]

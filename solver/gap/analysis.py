@@ -7,7 +7,6 @@ section of a paper; each step lives in a file of its own.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from solver.gap.held_out import held_out
 from solver.gap.limits import limits
 from solver.gap.raw_codes import censored, defects
 from solver.gap.result import Gap, MissingEffect, Rival, Verdict
-from solver.gap.search import MORE, Named, Possible, Search, look, search
+from solver.gap.search import LEVEL, MORE, Named, Possible, Search, look, search
 from solver.gap.unknown import Unknown, unknown
 from solver.mechanism.circumstances import Circumstances
 from solver.mechanism.model import mechanism_model
@@ -64,14 +63,15 @@ def analyse(
     broken = defects(recording, table)
     plain = first_fit(recording, table)
     fit = first_fit(recording, table, broken) if broken else plain
-    found = search(fit, rng, lambda text: progress(text, 0.3))
+    level = MORE if broken else LEVEL
+    found = search(fit, rng, lambda text: progress(text, 0.3), level=level)
     # Only motion shows a lag: readings in motion are added, and kept where one stands out.
     moving, _ = with_motion(recording, table)
     if len(moving.counts) > len(table.counts) and _lags(recording, moving, broken, found, rng):
         table = moving
         plain = first_fit(recording, table)
         fit = first_fit(recording, table, broken) if broken else plain
-        found = search(fit, rng, lambda text: progress(text, 0.45))
+        found = search(fit, rng, lambda text: progress(text, 0.45), level=level)
     poses = same_poses(table.windows, table.counts)
     floors = floor(plain, poses), floor(found.after.fit, poses)
     left = unknown(found.after.fit, rng)
@@ -83,11 +83,10 @@ def analyse(
     )
     after = found.after.fit if named else fit
     variance = max(_variance(floors[1] if named else floors[0], after), 1e-300)
-    known: tuple[Effect, ...] = fit.effects[len(plain.effects) :]
     added: tuple[Effect, ...] = after.effects[len(fit.effects) :]
     gap = held_out(
         plain,
-        known,
+        fit if broken else plain,
         added,
         poses,
         variance,
@@ -158,8 +157,7 @@ def first_fit(
     """
     rig = recording.rig
     site = Site(rig)
-    sigma = censored(table.sigma, table, beside)
-    observed = Observations(table.counts, sigma, table.circumstances(rig))
+    observed = Observations(table.counts, table.sigma, table.circumstances(rig))
     space = ParameterSpace.of(site.table)
     plain = mechanism_model(site.rig, site.table)
     estimate = likelihood.identify(plain, space, observed)
@@ -181,8 +179,10 @@ def first_fit(
     ]
     held = held_joints(recording, table.windows)
     found = loads(rig, estimate.coordinates, estimate.parameters, held, observed.at)
-    observed = replace(
-        observed, at=(observed.at or Circumstances()).loaded(found.torque, found.force)
+    observed = Observations(
+        table.counts,
+        censored(table.sigma, table, beside),
+        (observed.at or Circumstances()).loaded(found.torque, found.force),
     )
     start = np.concatenate([estimate.parameters, coefficients])
     fit = refit(site, effects, observed, start, estimate.coordinates)
@@ -269,13 +269,24 @@ def _defect(plain: Fit, fit: Fit, entry: DescribedEffect) -> MissingEffect:
     effect = effect_kinds()[entry.name].read(fit.model.site, entry)
     noise = fit.rss / max(fit.freedoms, 1)
     coefficients = np.array([entry.values[c.name].nominal for c in effect.coefficients])
-    size = effect.size(coefficients, fit.values, fit.at)
     channel = fit.model.channels.index(effect.where)
+    size = effect.size(coefficients, fit.values, fit.at)
     # How far the travel goes beyond a rail is known as well as the rest of the loop knows the channel.
-    beyond = disagreement(fit).standard_error[:, channel]
-    error = float(np.nanmax(beyond)) * (entry.name == "saturation")
-    if effect.dimension == "angle":
-        error *= np.pi / 180.0
+    gain = abs(fit.parameters[fit.model.sensing.gain[channel]])
+    beyond = disagreement(fit).standard_error[:, channel] * effect.to_si
+    own = gain * fit.observed.sigma[:, channel]
+    predicted = np.sqrt(np.maximum(beyond**2 - own**2, 0.0))
+    error = 0.0
+    if entry.name == "saturation":
+        counts = (fit.observed.counts - fit.residual * fit.observed.sigma)[:, channel]
+        over = np.stack(
+            [
+                counts - value.nominal if side == "high" else value.nominal - counts
+                for side, value in entry.values.items()
+            ]
+        ).max(axis=0)
+        farthest = int(np.argmax(over))
+        size, error = gain * max(float(over[farthest]), 0.0), float(predicted[farthest])
     return MissingEffect(
         effect.name,
         effect.where,

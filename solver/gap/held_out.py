@@ -52,7 +52,7 @@ class HeldOut:
 
 def held_out(
     fit: Fit,
-    known: Sequence[Effect],
+    known: Fit,
     named: Sequence[Effect],
     poses: NDArray[np.intp],
     variance: float,
@@ -63,7 +63,7 @@ def held_out(
 
     Args:
         fit: the model as it was.
-        known: effects that raw codes show, whatever the poses.
+        known: the same with what raw codes show, whatever the poses.
         named: effects that were named; as many are looked for again in each part of the poses.
         poses: (P,) which pose each dwell visited.
         variance: of the noise, in units of the assumed one.
@@ -81,18 +81,13 @@ def held_out(
     for k in range(FOLDS):
         tested, trained = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
         progress(k / FOLDS)
-        base = refit(
-            fit.model.site,
-            fit.effects,
-            fit.observed.take(trained),
-            fit.parameters,
-            fit.settled.coordinates[trained],
-        )
-        if base is None:
+        base = _trained(fit, trained)
+        sound = base if known is fit else _trained(known, trained)
+        if base is None or sound is None:
             continue
-        grown = _grown(base, known, named, rng)
+        grown = _grown(sound, named, rng)
         before[tested] = _squares(base, fit, tested, variance)
-        after[tested] = _squares(grown, fit, tested, variance)
+        after[tested] = _squares(grown, known, tested, variance)
     used = ~(np.isnan(before) | np.isnan(after))
     if not used.any():
         return None
@@ -112,17 +107,24 @@ def held_out(
     )
 
 
-def _grown(
-    base: Fit, known: Sequence[Effect], named: Sequence[Effect], rng: np.random.Generator
-) -> Fit:
-    """``base`` with what is known and as many effects as ``named``, chosen anew by its own poses.
+def _trained(fit: Fit, poses: NDArray[np.intp]) -> Fit | None:
+    """``fit`` of some of its poses."""
+    return refit(
+        fit.model.site,
+        fit.effects,
+        fit.observed.take(poses),
+        fit.parameters,
+        fit.settled.coordinates[poses],
+    )
+
+
+def _grown(base: Fit, named: Sequence[Effect], rng: np.random.Generator) -> Fit:
+    """``base`` with as many effects as ``named``, chosen anew by its own poses.
 
     Where the choice falls on an effect that was named, its settings are those that were found in
     all poses: a moment between two held-out dwells cannot be found without them.
     """
     now, limits = base, None
-    for effect in known:
-        now = extended(now, effect, np.array([c.start for c in effect.coefficients])) or now
     settings = {effect.label: effect for effect in named}
     for _ in named:
         seen = look(now, rng, limits)

@@ -21,6 +21,7 @@ _NOISY, _SILENT = 0.6, 0.01  # counts
 _POSES = 3  # distinct poses at a rail, at the least
 _HEAPED = 5.0  # times as many readings as the codes next to it
 _NEIGHBOURS = 3
+_HIDDEN = 8.0  # standard deviations of one sample
 _NEAR = 4.0  # standard deviations of one sample
 
 CENSORED = 3e3
@@ -69,6 +70,8 @@ def censored(
                 out[(counts - end if side == "low" else end - counts) < near, c] *= CENSORED
         if effect.name == "stuck-bit":
             weight = 2.0 ** effect.values["bit"].nominal
+            if weight < _HIDDEN * max(noise, 0.5):
+                continue  # noise mixes both codes at every pose, and the model says in what shares
             past = np.mod(counts + 0.5, weight)
             out[np.minimum(past, weight - past) < min(near, 0.25 * weight), c] *= CENSORED
     return out

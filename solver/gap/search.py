@@ -28,10 +28,10 @@ LEVEL = 0.05
 MORE = 0.01
 """The same for something beside what is named already: a second name needs more evidence."""
 
-_NAMEABLE = 0.01  # kappa below which geometry absorbs an effect
+_NEVER = 100.0  # times the plausible size
 _RIVALS = 8  # candidates that are refitted in full, at most
 _MARGIN = 30.0  # noise units of chi-square by which a rival may explain less and still be refitted
-_SHARE = 0.05  # or this share of the best
+_SHARE = 0.02  # or this share of the best
 _SHAPE = 0.03  # of a named effect's chi-square: less, at the same place, is its shape, not another effect
 _FORM = 0.015  # of the best explanation: by so much the right effect may miss it
 _IMPOSSIBLE = 3.0  # standard errors beyond a physical bound
@@ -120,17 +120,24 @@ def look(fit: Fit, rng: np.random.Generator, limits: Threshold | None = None) ->
     """
     tested, hopeless = candidates(fit)
     labels = [c.label for c in tested]
-    found = tuple(form for form in forms(fit, tested) if form.retained >= _NAMEABLE)
+    found = forms(fit, tested)
     limits = threshold(fit, found, labels, rng) if limits is None else limits
     return Look(fit, tested, hopeless, found, screen(fit, found, labels, limits))
 
 
-def search(fit: Fit, rng: np.random.Generator, progress: Progress = lambda text: None) -> Search:
+def search(
+    fit: Fit,
+    rng: np.random.Generator,
+    progress: Progress = lambda text: None,
+    *,
+    level: float = LEVEL,
+) -> Search:
     """Look for effects that are missing from ``fit``.
 
     Args:
         fit: the model as it is.
         rng: for the draws.
+        level: how often nothing at all may look like something.
         progress: is told what is being tried.
     """
     progress("screening")
@@ -138,7 +145,7 @@ def search(fit: Fit, rng: np.random.Generator, progress: Progress = lambda text:
     chosen: list[Possible] = []
     first: list[Possible] = []
     while (
-        now.significant(MORE if chosen else LEVEL)
+        now.significant(MORE if chosen else level)
         and len(chosen) < MOST
         and not _shape_only(now, chosen)
     ):
@@ -150,7 +157,7 @@ def search(fit: Fit, rng: np.random.Generator, progress: Progress = lambda text:
         chosen.append(best)
         now = best.after
     if not chosen:
-        return Search(before, before, (), not before.significant(LEVEL))
+        return Search(before, before, (), not before.significant(level))
     complete = not now.significant(MORE) or _shape_only(now, chosen)
     if len(chosen) == 1:
         return Search(before, now, (_named(chosen[0], [p for p in first if p.enough]),), complete)
@@ -223,7 +230,9 @@ def _refitted(now: Look, candidate: int) -> Fit | None:
         start = np.linalg.lstsq(form.trace, now.fit.residual.ravel(), rcond=1e-6)[0]
     bounds = np.array([[c.low, c.high] for c in shape]).reshape(len(shape), 2)
     fit = extended(now.fit, form.effect, np.clip(start, bounds[:, 0], bounds[:, 1]))
-    return None if fit is None or _unphysical(fit) else fit
+    if fit is None or _unphysical(fit) or _implausible(fit):
+        return None
+    return fit
 
 
 def _added(
@@ -263,6 +272,16 @@ def _unphysical(fit: Fit) -> bool:
         if not c.low - _IMPOSSIBLE * error <= value <= c.high + _IMPOSSIBLE * error:
             return True
     return False
+
+
+def _implausible(fit: Fit) -> bool:
+    """Whether the last effect would have to be far larger than is ever met."""
+    number = len(fit.effects) - 1
+    plausible = np.array([c.plausible for c in fit.effects[number].coefficients])
+    beyond = fit.coefficients(number) - np.array(
+        [c.start for c in fit.effects[number].coefficients]
+    )
+    return bool(len(plausible) and np.max(np.abs(beyond) / plausible) > _NEVER)
 
 
 def _shape_only(now: Look, chosen: Sequence[Possible]) -> bool:
