@@ -14,11 +14,16 @@ from tests.solver.synthetic import solution
 Array = NDArray[np.float64]
 
 
-def _again(name: str, shared: float, seed: int) -> Estimate:
-    """The bundled rig from readings that close, with noise, and errors that vary with the pose."""
+def _again(
+    name: str, shared: float, seed: int, poses: int | None = None, visits: int = 1
+) -> Estimate:
+    """The bundled rig from readings that close, with noise, and errors that vary with the pose.
+
+    ``poses`` of those selected, all by default, ``visits`` times each with noise of its own.
+    """
     solved = solution(name)
     rng = np.random.default_rng([seed, 23])
-    chosen = solved.selection.poses
+    chosen = np.tile(solved.selection.poses[:poses], visits)
     at = solved.model.linearise(
         solved.after.coordinates[chosen],
         solved.estimate.parameters,
@@ -40,6 +45,25 @@ def test_noise_alone_is_not_taken_for_more(name: str) -> None:
     assert abs(scores.mean()) < 1.1  # three standard errors of a mean of eight
     assert 0.3 < scores.std() < 2.0
     assert all(not c.widening.any() for c in found if c is not None)
+
+
+@pytest.mark.parametrize("name", ["arm", "shoulder"])
+@pytest.mark.parametrize(("poses", "visits"), [(20, 5)])
+def test_poses_visited_again_with_noise_of_their_own_share_nothing(
+    name: str, poses: int, visits: int
+) -> None:
+    found = [_again(name, 0.0, seed, poses, visits).correlation for seed in range(4)]
+    scores = np.array([c.score for c in found if c is not None])
+    assert len(scores) == 4
+    assert abs(scores.mean()) < 2.0
+    assert all(not c.widening.any() for c in found if c is not None)
+
+
+def test_visits_share_what_the_model_lacks_at_their_pose() -> None:
+    found = _again("arm", 3.0, 1, 20, 3).correlation
+    assert found is not None
+    assert found.significant
+    assert found.widening.any()
 
 
 def test_errors_that_neighbours_share_are_seen_and_widen_the_intervals() -> None:

@@ -116,17 +116,21 @@ def test_codes_with_a_stuck_bit_have_the_mean_of_codes_that_are_drawn(bit: int, 
 
 
 @pytest.mark.parametrize(("bit", "value"), [(3, 1), (4, 0)])
-def test_slopes_of_codes_are_those_of_finite_differences(bit: int, value: int) -> None:
+def test_codes_with_a_stuck_bit_climb_like_the_reading_over_a_whole_tooth(
+    bit: int, value: int
+) -> None:
+    """The slope is the secant's over one tooth of the saw: a search that saw the jumps would not end."""
     site = arm()
     effect = described(
         site, "stuck-bit", "q6", bit=(float(bit), "ratio"), value=(float(value), "ratio")
     )
     counts = np.tile(np.linspace(1000.0, 1100.0, POSES)[:, None], (1, 7))
-    here, up, down = (effect.coded(counts + s, np.zeros(0), at(7)) for s in (0, 1e-5, -1e-5))
+    tooth = 2.0 ** (bit + 1)
+    here, up, down = (effect.coded(counts + s, np.zeros(0), at(7)) for s in (0, tooth, -tooth))
     assert here is not None
     assert up is not None
     assert down is not None
-    np.testing.assert_allclose(here.slope, (up.counts - down.counts) / 2e-5, atol=1e-6)
+    np.testing.assert_allclose(here.slope, (up.counts - down.counts) / (2 * tooth), atol=1e-6)
 
 
 def test_clipped_codes_have_the_mean_of_codes_that_are_drawn() -> None:
