@@ -169,7 +169,7 @@ def solve_table(
         before = settle(model, observed, before.coordinates, nominal, space.expansion)
     _require_enough(table, space, before, poses)
     use_priors = use_priors or (
-        chosen.name == likelihood.NAME and _priors_complete(model, space, before, nominal)
+        chosen.name == likelihood.NAME and priors_complete(model, space, before, nominal)
     )
     identify = _optioned(chosen, loss, use_priors)
 
@@ -244,7 +244,7 @@ def _optioned(
     return method.identify
 
 
-def _priors_complete(model: Model, space: ParameterSpace, settled: Settled, at: Array) -> bool:
+def priors_complete(model: Model, space: ParameterSpace, settled: Settled, at: Array) -> bool:
     """Whether the data leave directions open that the rig's stated uncertainties close."""
     known = model.pseudo_observations(at, space.expansion)[1]
     data = np.vstack([settled.jacobian.reshape(-1, len(space.names)), known])

@@ -17,7 +17,7 @@ from solver.effects.effect import Array, Effect, Site
 from solver.effects.registry import effect_kinds
 from solver.errors import MechanismError, NotEnoughData
 from solver.estimate import likelihood
-from solver.estimate.nuisance import Observations
+from solver.estimate.nuisance import Observations, settle
 from solver.gap.channels import disagreement
 from solver.gap.fit import Fit, refit
 from solver.gap.floor import Floor, floor, same_poses
@@ -33,6 +33,7 @@ from solver.mechanism.space import ParameterSpace
 from solver.mechanism.statics import loads
 from solver.motion import with_motion
 from solver.samples import PoseTable, average
+from solver.solve import priors_complete
 
 _LACK = 0.01  # p of the lack of fit below which a model is not enough
 _STRANGE = 0.01  # the same of patterns of no known effect
@@ -129,7 +130,14 @@ def _lags(
     start = np.concatenate(
         [still.parameters, *(_last_coefficients(n.best.after.fit) for n in found.named)]
     )
-    fit = refit(still.model.site, effects, still.observed, start, still.settled.coordinates)
+    fit = refit(
+        still.model.site,
+        effects,
+        still.observed,
+        start,
+        still.settled.coordinates,
+        priors=still.priors,
+    )
     if fit is None:
         return False
     seen = look(fit, rng)
@@ -161,6 +169,10 @@ def first_fit(
     space = ParameterSpace.of(site.table)
     plain = mechanism_model(site.rig, site.table)
     estimate = likelihood.identify(plain, space, observed)
+    settled = settle(plain, observed, estimate.coordinates, estimate.parameters, space.expansion)
+    priors = priors_complete(plain, space, settled, estimate.parameters)
+    if priors:
+        estimate = likelihood.identify(plain, space, observed, use_priors=True)
     kinds = effect_kinds()
     described = (*rig.effects, *beside)
     strangers = [e.name for e in described if e.name not in kinds]
@@ -185,7 +197,7 @@ def first_fit(
         (observed.at or Circumstances()).loaded(found.torque, found.force),
     )
     start = np.concatenate([estimate.parameters, coefficients])
-    fit = refit(site, effects, observed, start, estimate.coordinates)
+    fit = refit(site, effects, observed, start, estimate.coordinates, priors=priors)
     if fit is None:
         raise MechanismError(
             f"the mechanism of rig '{rig.name}' does not close with these readings; "

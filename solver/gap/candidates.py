@@ -9,9 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
+
 from solver.effects.effect import Effect, Recorded
 from solver.effects.registry import effect_kinds
 from solver.gap.fit import Fit
+
+_MOVED = 3.0  # standard deviations of a mean
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,16 @@ class Untestable:
     reason: str
 
 
+def _still(fit: Fit, where: str) -> str | None:
+    """Why nothing can be told of a channel that never moved, in words; None for all others."""
+    if where not in fit.model.channels:
+        return None
+    c = fit.model.channels.index(where)
+    counts, sigma = fit.observed.counts[:, c], fit.observed.sigma[:, c]
+    moved = float(np.std(counts)) > _MOVED * float(np.median(sigma))
+    return None if moved else f"the readings of {where} did not change"
+
+
 def candidates(
     fit: Fit, leave_out: Iterable[str] = ()
 ) -> tuple[tuple[Candidate, ...], tuple[Untestable, ...]]:
@@ -52,7 +66,7 @@ def candidates(
     hopeless: list[Untestable] = []
     for name, kind in effect_kinds().items():
         for where in kind.places(site):
-            reason = kind.untestable(site, where, fit.at)
+            reason = _still(fit, where) or kind.untestable(site, where, fit.at)
             if reason is not None:
                 hopeless.append(Untestable(name, where, reason))
             elif f"{name}@{where}" not in out:

@@ -44,6 +44,7 @@ class Fit:
         covariance: (n, n) for unit noise.
         rank: of the jacobian.
         redundancy: equations that a pose contributes beyond its coordinates.
+        priors: whether the rig's stated uncertainties are among what is known.
     """
 
     effects: tuple[Effect, ...]
@@ -57,6 +58,7 @@ class Fit:
     covariance: Array
     rank: int
     redundancy: int
+    priors: bool
 
     @property
     def residual(self) -> Array:
@@ -85,13 +87,31 @@ class Fit:
         """(P, C) true values of the channels' places [rad or m]."""
         return self.model.values(self.settled.coordinates, self.parameters, self.observed.at)
 
+    @property
+    def stacked(self) -> Array:
+        """(M,) all residuals: of readings, then of what is known beside them, M = P C + D."""
+        return np.concatenate([self.residual.ravel(), self.known])
+
+    def projected(self, columns: Array) -> Array:
+        """(M, m) what parameters cannot absorb of ``columns``, (P C, m) of readings alone or (M, m)."""
+        beside = np.zeros((len(self.jacobian) - len(columns), columns.shape[1]))
+        whole = np.vstack([columns, beside])
+        return np.asarray(whole - self.absorbed @ (self.absorbed.T @ whole))
+
+    def drawn(self, draws: int, rng: np.random.Generator) -> Array:
+        """(M, draws) residuals with signs at random, one for each dwell, and what parameters leave of them."""
+        signs = rng.choice([-1.0, 1.0], size=(len(self.residual), draws))
+        readings = (self.residual[:, :, None] * signs[:, None, :]).reshape(-1, draws)
+        beside = self.known[:, None] * rng.choice([-1.0, 1.0], size=(len(self.known), draws))
+        return self.projected(np.vstack([readings, beside]))
+
     @cached_property
     def absorbed(self) -> Array:
-        """(P C, r) orthonormal basis of what the parameters can absorb of the readings' residual."""
+        """(M, r) orthonormal basis of what the parameters can absorb of all residuals."""
         left, singular, _ = np.linalg.svd(
             self.jacobian / _norms(self.jacobian), full_matrices=False
         )
-        kept: Array = left[: self.residual.size, singular > 1e-7 * singular[:1].sum()]
+        kept: Array = left[:, singular > 1e-7 * singular[:1].sum()]
         return kept
 
     def coefficients(self, effect: int) -> Array:
@@ -116,6 +136,8 @@ def refit(
     observed: Observations,
     start: Array,
     coordinates: Array,
+    *,
+    priors: bool = False,
 ) -> Fit | None:
     """The rig of ``site`` with ``effects``, fitted to ``observed``.
 
@@ -125,12 +147,16 @@ def refit(
         observed: P poses.
         start: (N + k,) starting parameters.
         coordinates: (P, U) near which the poses settle.
+        priors: whether the rig's stated uncertainties take part; those of effects never do.
 
     Returns:
         The fit, or None where the mechanism does not close at the start.
     """
     model, table = grow(site, effects)
     space = ParameterSpace.of(table)
+    width = np.where(space.identified < model.named, space.uncertainty, np.inf)
+    believed = np.isfinite(width) & priors
+    nominal = space.reduce(space.nominal)
 
     def evaluate(
         z: Array, state: tuple[Array, Settled] | None
@@ -145,9 +171,16 @@ def refit(
         if not found.closed.all():
             return None
         known, by_parameters = model.pseudo_observations(full, space.expansion)
+        away = ((z - nominal) / width)[believed]
         return Evaluation(
-            np.concatenate([found.residual.ravel(), known]),
-            np.vstack([found.jacobian.reshape(-1, len(z)), by_parameters]),
+            np.concatenate([found.residual.ravel(), known, away]),
+            np.vstack(
+                [
+                    found.jacobian.reshape(-1, len(z)),
+                    by_parameters,
+                    (np.eye(len(z)) / width[:, None])[believed],
+                ]
+            ),
             (z, found),
         )
 
@@ -172,6 +205,7 @@ def refit(
         covariance=cov,
         rank=found.rank,
         redundancy=channels - settled.coordinates.shape[1] + closures,
+        priors=priors,
     )
 
 
@@ -188,6 +222,7 @@ def extended(fit: Fit, effect: Effect, coefficients: Array) -> Fit | None:
         fit.observed,
         start,
         fit.settled.coordinates,
+        priors=fit.priors,
     )
 
 
@@ -195,4 +230,11 @@ def without(fit: Fit, number: int) -> Fit | None:
     """``fit`` without one of its effects."""
     start = np.delete(fit.parameters, fit.model.columns[number])
     effects = tuple(e for i, e in enumerate(fit.effects) if i != number)
-    return refit(fit.model.site, effects, fit.observed, start, fit.settled.coordinates)
+    return refit(
+        fit.model.site,
+        effects,
+        fit.observed,
+        start,
+        fit.settled.coordinates,
+        priors=fit.priors,
+    )

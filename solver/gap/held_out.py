@@ -115,6 +115,7 @@ def _trained(fit: Fit, poses: NDArray[np.intp]) -> Fit | None:
         fit.observed.take(poses),
         fit.parameters,
         fit.settled.coordinates[poses],
+        priors=fit.priors,
     )
 
 
@@ -136,7 +137,7 @@ def _grown(base: Fit, named: Sequence[Effect], rng: np.random.Generator) -> Fit:
         effect = settings.get(form.effect.label, form.effect)
         start = np.array([c.start for c in effect.coefficients])
         if not form.whole and effect is form.effect:
-            start = np.linalg.lstsq(form.trace, now.residual.ravel(), rcond=1e-6)[0]
+            start = np.linalg.lstsq(form.trace, now.stacked, rcond=1e-6)[0]
         more = extended(now, effect, start)
         if more is None:
             break

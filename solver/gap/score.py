@@ -26,6 +26,7 @@ from solver.gap.trace import codes, traces
 
 Array = NDArray[np.float64]
 
+_LEAST_NOISE = 1e-9  # of the assumed variance: few poses can be fitted without any misfit
 _RETAINED = 1e-8  # of a trace's squared length: less is rounding
 _SCALES = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0])  # of the plausible size
 _WEIGHTS = np.array([0.05, 0.1, 0.2, 0.3, 0.2, 0.1, 0.05])
@@ -79,8 +80,7 @@ def forms(fit: Fit, tested: Sequence[Candidate]) -> tuple[Form, ...]:
         return ()
     widths = [t.shape[1] for t in found]
     whole = np.concatenate(found, axis=1)
-    absorbed = fit.absorbed
-    rest = whole - absorbed @ (absorbed.T @ whole)
+    rest = fit.projected(whole)
     ends = np.cumsum(widths)[:-1]
     return tuple(
         _form(variant, i, full, projected, codes(fit, variant))
@@ -101,14 +101,13 @@ def _form(effect: Effect, candidate: int, full: Array, projected: Array, whole: 
 
 def scores(fit: Fit, tested: Sequence[Form]) -> Scores:
     """All forms against the residual of ``fit``."""
-    r = fit.residual.ravel()
-    r = r - fit.absorbed @ (fit.absorbed.T @ r)
+    r = fit.projected(fit.stacked[:, None])[:, 0]
     total, m = float(r @ r), fit.freedoms
     statistic = np.array([float(np.sum((form.basis.T @ r) ** 2)) for form in tested])
     width = np.array([form.basis.shape[1] for form in tested])
     log_p = log_f_tail(statistic, width, total, m)
     best = float(statistic.max(initial=0.0))
-    noise = max((total - best) / max(m - 1, 1), 1e-300)
+    noise = max((total - best) / max(m - 1, 1), _LEAST_NOISE)
     evidence = np.array([_log_evidence(form, r, noise) for form in tested])
     return Scores(tuple(tested), statistic, log_p, evidence, m)
 

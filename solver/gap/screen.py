@@ -77,10 +77,7 @@ def threshold(
     count = len(labels)
     if not tested:
         return Threshold(dict.fromkeys(labels, 1.0), np.zeros(DRAWS))
-    r = fit.residual
-    signs = rng.choice([-1.0, 1.0], size=(len(r), DRAWS))
-    drawn = (r[:, :, None] * signs[:, None, :]).reshape(r.size, DRAWS)
-    drawn = drawn - fit.absorbed @ (fit.absorbed.T @ drawn)
+    drawn = fit.drawn(DRAWS, rng)
     total = np.sum(drawn**2, axis=0)
     widths = np.array([form.basis.shape[1] for form in tested])
     projected = np.concatenate([form.basis for form in tested], axis=1).T @ drawn

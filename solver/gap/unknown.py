@@ -43,11 +43,9 @@ class Unknown:
 def unknown(fit: Fit, rng: np.random.Generator) -> Unknown:
     """Patterns in the residual of ``fit`` that nothing in it explains."""
     names, bases = _groups(fit)
-    r = fit.residual
-    flat = r.ravel() - fit.absorbed @ (fit.absorbed.T @ r.ravel())
-    signs = rng.choice([-1.0, 1.0], size=(len(r), _DRAWS))
-    drawn = (r[:, :, None] * signs[:, None, :]).reshape(r.size, _DRAWS)
-    drawn = np.column_stack([flat, drawn - fit.absorbed @ (fit.absorbed.T @ drawn)])
+    if not len(bases):
+        return Unknown((), 1.0)
+    drawn = np.hstack([fit.projected(fit.stacked[:, None]), fit.drawn(_DRAWS, rng)])
     total = np.sum(drawn**2, axis=0)
     log_p = np.array(
         [
@@ -60,8 +58,6 @@ def unknown(fit: Fit, rng: np.random.Generator) -> Unknown:
             for basis in bases
         ]
     ).reshape(len(bases), -1)
-    if not len(bases):
-        return Unknown((), 1.0)
     lowest = log_p.min(axis=0)
     p = (1.0 + float(np.sum(lowest[1:] <= lowest[0]))) / (1.0 + _DRAWS)
     order = np.argsort(log_p[:, 0])
@@ -82,7 +78,7 @@ def _groups(fit: Fit) -> tuple[list[tuple[str, str]], list[Array]]:
             by[:, c] = shapes * observed.sigma[:, c, None]
             nowhere = np.zeros((poses, here.closure.shape[1], shapes.shape[1]))
             trace = eliminated(here, observed, by, nowhere)[0].reshape(poses * channels, -1)
-            trace = trace - fit.absorbed @ (fit.absorbed.T @ trace)
+            trace = fit.projected(trace)
             left, singular, _ = np.linalg.svd(trace, full_matrices=False)
             basis = left[:, singular > 1e-4 * np.sqrt(poses)]
             if basis.shape[1] and basis.shape[1] < fit.freedoms // 2:

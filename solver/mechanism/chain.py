@@ -87,6 +87,8 @@ class Chain:
         columns = [np.repeat(unit[:, None], poses, axis=1) for unit in np.eye(3)]
         position = np.zeros((3, poses))
         sizes = np.ascontiguousarray(coordinates.T)
+        if parameters.ndim == 2 and not poses:
+            parameters = np.zeros(parameters.shape[1])
         first = parameters if parameters.ndim == 1 else parameters[0]
         varying = set(
             np.flatnonzero((parameters != first).any(axis=0)) if first is not parameters else ()
