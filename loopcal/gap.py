@@ -95,11 +95,8 @@ def show(gap: Gap, console: Console) -> None:
         say(f"evidence: {words.evidence(effect)}")
     head("Gap")
     say(words.gap_closed(gap))
-    for reason in gap.reasons:
+    for reason in (*gap.reasons, *gap.cautions):
         say(reason)
-    if gap.verdict is not Verdict.UNKNOWN:
-        for line in words.outlying(gap):
-            say(line)
     head("Smallest sizes that this recording would have shown, in nine cases of ten")
     console.print(_limits(gap))
     open_ones = words.untested(gap)

@@ -14,6 +14,7 @@ from recordings.reader import Recording
 from recordings.rig import DescribedEffect
 from solver.drives import held_joints
 from solver.effects.effect import Array, Effect, Site
+from solver.effects.needs import require_shown
 from solver.effects.registry import effect_kinds
 from solver.errors import MechanismError, NotEnoughData
 from solver.estimate import likelihood
@@ -203,11 +204,13 @@ def first_fit(
             f"the mechanism of rig '{rig.name}' does not close with these readings; "
             "`loopcal solve` says more, and has to succeed before a gap can be analysed"
         )
-    if fit.freedoms < 1:
+    unknowns = len(fit.space.identified)
+    if fit.freedoms < 1 or len(table.counts) * fit.redundancy <= unknowns:
         raise NotEnoughData(
-            f"{len(table.counts)} poses leave no equation to test the model by: {fit.rank} unknowns, "
+            f"{len(table.counts)} poses leave no equation to test the model by: {unknowns} unknowns, "
             f"{fit.redundancy} equations a pose. Record more poses."
         )
+    require_shown(fit.model, fit.space, fit.at)
     return fit
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from typing import Any
 
 from recordings.rig import DescribedEffect
 from solver.gap.candidates import Untestable
+from solver.gap.cautions import cautions
 from solver.gap.channels import Disagreement
 from solver.gap.fit import Fit
 from solver.gap.floor import Floor
@@ -127,6 +129,15 @@ class Gap:
     disagreement_after: Disagreement
     search: Search
 
+    @cached_property
+    def cautions(self) -> tuple[str, ...]:
+        """What speaks against the answer, in sentences for the user.
+
+        Single poses that stand out are told only where a model is said to explain the readings.
+        """
+        explained = self.verdict is not Verdict.UNKNOWN
+        return cautions(self.after, self.disagreement_after if explained else None, self.table)
+
     @property
     def untested(self) -> tuple[Untestable, ...]:
         """`untestable`, and the candidates whose whole trace the parameters absorb."""
@@ -144,6 +155,7 @@ def gap_json(gap: Gap, next_poses: str | None = None) -> dict[str, Any]:
         "verdict": gap.verdict.value,
         "provisional": gap.provisional,
         "reasons": list(gap.reasons),
+        "cautions": list(gap.cautions),
         "effects": [
             {
                 "name": effect.name,

@@ -60,7 +60,7 @@ def render_gap(
     return template("gap.html.jinja").render(
         gap=gap,
         rig=recording.rig,
-        grade="caution" if gap.provisional and gap.effects else _GRADES[gap.verdict],
+        grade=_grade(gap),
         facts=_facts(gap),
         held_out=None
         if gap.held_out is None
@@ -73,6 +73,12 @@ def render_gap(
         software=SOFTWARE,
         command=f"loopcal gap {shlex.quote(str(recording.path))} --seed {seed} --report PAGE.html",
     )
+
+
+def _grade(gap: Gap) -> Grade:
+    doubtful = (gap.provisional and gap.effects) or gap.cautions
+    grade = _GRADES[gap.verdict]
+    return "caution" if doubtful and grade == "good" else grade
 
 
 def _maps(gap: Gap) -> tuple[Picture, ...]:

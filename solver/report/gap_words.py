@@ -10,8 +10,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from recordings.rig.quantity import SHOWN
 from solver.gap.result import Gap, Limit, MissingEffect, Rival, Verdict
 from solver.report.notation import decimals_for, figures, fine_unit, fixed, unit_for
@@ -35,8 +33,6 @@ _PHRASES = {
     "thermal-growth": "thermal growth of the {}",
 }
 _SHAPES = frozenset({"nonlinearity", "eccentricity", "cyclic-error"})  # told by their RMS
-_OUTLYING = 6.0  # standard errors
-_MOST_OUTLYING = 5
 _DIMENSIONS = {unit: dimension for dimension, (unit, _) in SHOWN.items()}
 
 
@@ -177,21 +173,6 @@ def noise_floor(gap: Gap) -> tuple[str, ...]:
 def chance(p: float) -> str:
     """A p-value."""
     return "p < 1e-6" if p < 1e-6 else f"p = {figures(p, 2)}"
-
-
-def outlying(gap: Gap) -> tuple[str, ...]:
-    """Dwells that stand far out when all is said: single poses, such as no effect explains."""
-    found = gap.disagreement_after
-    z = np.abs(found.difference / found.standard_error)
-    z = np.where(np.isfinite(z), z, 0.0)
-    out = []
-    for dwell in np.flatnonzero(z.max(axis=1, initial=0.0) > _OUTLYING)[:_MOST_OUTLYING]:
-        window, channel = gap.table.windows[dwell], int(z[dwell].argmax())
-        out.append(
-            f"Pose {window.pose}, visit {window.visit}, stands alone: {found.channels[channel]} lies "
-            f"{figures(float(z[dwell, channel]), 2)} standard errors from what the rest of the loop predicts."
-        )
-    return tuple(out)
 
 
 def limits_by_name(found: Sequence[Limit]) -> dict[str, list[Limit]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,9 @@ from loopcal.cli import app
 from recordings.rig import parse_rig, rig_text
 
 Run = Callable[..., Result]
+
+BENT = "nonlinearity@d1=2%"
+ONCE = "revisit = { poses = 0, visits = 1 }"
 
 
 def simulated(path: Path, *words: str, rig: str = "shoulder") -> Path:
@@ -26,7 +30,7 @@ def simulated(path: Path, *words: str, rig: str = "shoulder") -> Path:
 def bent(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A shoulder one of whose transducers is not straight."""
     folder = tmp_path_factory.mktemp("bent")
-    return simulated(folder / "bent.mcap", "--seed", "5", "--hide", "nonlinearity@d1=2%")
+    return simulated(folder / "bent.mcap", "--poses", "50", "--seed", "5", "--hide", BENT)
 
 
 @pytest.fixture(scope="module")
@@ -120,3 +124,102 @@ def test_where_nothing_is_missing_no_rig_is_written(loopcal: Run, tmp_path: Path
     assert "Nothing detectable is missing" in said
     assert "no rig was written" in said
     assert not (tmp_path / "grown.toml").exists()
+
+
+def rewritten(recording: Path, path: Path, rig_toml: str) -> Path:
+    """The same readings, recorded under another description."""
+    from recordings.reader import read_recording
+    from recordings.writer import Writer
+
+    good = read_recording(recording)
+    with Writer(path, rig_toml, good.session) as writer:
+        for name, readings in good.readings.items():
+            writer.write_readings(name, readings.time_ns, readings.raw)
+        for dwell in good.dwells:
+            writer.write(dwell)
+    return path
+
+
+@pytest.fixture(scope="module")
+def poor(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], str]:
+    """The answer, as JSON and as said, to six poses, none visited again, of a rig without masses."""
+    folder = tmp_path_factory.mktemp("poor")
+    text = "\n".join(
+        line
+        for line in rig_text("arm")[0].splitlines()
+        if not line.startswith(("mass_kg", "com_m"))
+    )
+    (folder / "rig.toml").write_text(text.replace("revisit = { poses = 10, visits = 3 }", ONCE))
+    recording = simulated(
+        folder / "poor.mcap", "--poses", "6", "--seed", "2", rig=str(folder / "rig.toml")
+    )
+    outcome = CliRunner().invoke(app, ["gap", str(recording), "--json", "-"])
+    assert outcome.exit_code in (0, 1), outcome.stderr
+    return json.loads(outcome.stdout), " ".join(outcome.stderr.split())
+
+
+def test_without_revisits_the_verdict_is_provisional(poor: tuple[dict[str, Any], str]) -> None:
+    answer, said = poor
+    assert answer["provisional"] is True
+    assert answer["noise_floor"]["revisited_poses"] == 0
+    assert "Provisional" in said
+    assert "visited three times or more" in said
+
+
+def test_of_few_poses_none_is_held_out(poor: tuple[dict[str, Any], str]) -> None:
+    answer, said = poor
+    assert answer["gap"] is None
+    assert "6 poses are too few to hold any out" in said
+
+
+def test_without_masses_compliance_cannot_be_tested(poor: tuple[dict[str, Any], str]) -> None:
+    answer, said = poor
+    untestable = [u for u in answer["untestable"] if u["name"] == "joint-compliance"]
+    assert {u["where"] for u in untestable} == {f"joint{n}" for n in range(1, 8)}
+    assert all("mass" in u["reason"] for u in untestable)
+    assert (
+        "joint-compliance (joint1, joint2, joint3, joint4, joint5, joint6, joint7): the rig" in said
+    )
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ('name = "nonsense"\nwhere = "d1"\nsize_m = 0.001', ("nonsense", "known", "backlash")),
+        ('name = "backlash"\nwhere = "d9"\ngap_m = 0.001', ("backlash", "d9", "d1, d2, d3, d4")),
+        ('name = "backlash"\nwhere = "d1"\nstep_m = 0.001', ("backlash@d1", "step", "gap")),
+        (
+            'name = "lag"\nwhere = "d1"\ndelay_s = { nominal = 0.01, identify = true }',
+            ("lag@d1", "standstill"),
+        ),
+    ],
+)
+def test_a_grown_rig_that_does_not_fit_its_recording(
+    loopcal: Run, bent: Path, tmp_path: Path, entry: str, words: tuple[str, ...]
+) -> None:
+    text = f"{rig_text('shoulder')[0]}\n[[effect]]\n{entry}\n"
+    refused(loopcal("gap", rewritten(bent, tmp_path / "odd.mcap", text)), *words)
+
+
+def test_a_description_that_is_far_off_is_said(loopcal: Run, tmp_path: Path) -> None:
+    arm = simulated(tmp_path / "arm.mcap", "--poses", "12", rig="arm")
+    text = rig_text("arm")[0].replace("a_m = { nominal = 0.202", "a_m = { nominal = 5.0", 1)
+    outcome = loopcal("gap", rewritten(arm, tmp_path / "odd.mcap", text), "--json", "-")
+    (caution,) = json.loads(outcome.stdout)["cautions"]
+    assert "hinge.a ends -4.8 m from its nominal value" in caution
+    assert "Mend the rig" in " ".join(outcome.stderr.split())
+
+
+def test_fewer_poses_than_parameters(loopcal: Run, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(rig_text("shoulder")[0].replace("revisit = { poses = 10, visits = 3 }", ONCE))
+    few = simulated(tmp_path / "few.mcap", "--poses", "4", rig=str(rig))
+    refused(loopcal("gap", few), "poses", "unknowns", "Record more")
+
+
+def test_a_damaged_or_foreign_recording(loopcal: Run, bent: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(bent.read_bytes()[: bent.stat().st_size // 2])
+    refused(loopcal("gap", cut, "--json", tmp_path / "gap.json"), "cut.mcap", "damaged")
+    assert not (tmp_path / "gap.json").exists()
+    refused(loopcal("gap", tmp_path / "none.mcap"), "no file")

@@ -1,0 +1,61 @@
+"""What speaks against an answer that a gap analysis gives: single poses, and parameters that went far.
+
+Neither is an effect, and neither is seen by a test over all poses.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver.estimate.identifiability import plausible_error
+from solver.gap.channels import Disagreement
+from solver.gap.fit import Fit
+from solver.samples import PoseTable
+
+_OUTLYING = 6.0  # standard errors
+_MOST = 5  # dwells that are told
+_FAR = 10.0  # stated uncertainties, and more than plausible
+
+
+def cautions(fit: Fit, found: Disagreement | None, table: PoseTable) -> tuple[str, ...]:
+    """In sentences for the user.
+
+    Args:
+        fit: the final model.
+        found: the disagreement with it; None where single poses are not to be told.
+        table: the poses.
+    """
+    return (*_far(fit), *(() if found is None else _outlying(found, table)))
+
+
+def _far(fit: Fit) -> tuple[str, ...]:
+    """Of parameters that are angles, the whole turns do not count."""
+    space, own = fit.space, len(fit.model.site.table)
+    away = fit.parameters[space.identified] - space.reduce(space.nominal)
+    angle = np.array([space.table[i].dimension == "angle" for i in space.identified])
+    away = np.where(angle, away - 2.0 * np.pi * np.round(away / (2.0 * np.pi)), away)
+    least = np.maximum(_FAR * space.uncertainty, plausible_error(space))
+    share = np.where(space.identified < own, np.abs(away) / least, 0.0)
+    if not (share > 1.0).any():
+        return ()
+    worst = int(np.argmax(share))
+    parameter = space.table[space.identified[worst]]
+    return (
+        f"{parameter.name} ends {away[worst] / parameter.to_si:+.3g} {parameter.unit} from its nominal value, of "
+        f"which the rig states an uncertainty of {space.uncertainty[worst] / parameter.to_si:.3g} {parameter.unit}: "
+        "the nominal value is wrong, or the readings were fitted by another assembly of the mechanism. Mend the "
+        "rig before you rely on this answer.",
+    )
+
+
+def _outlying(found: Disagreement, table: PoseTable) -> tuple[str, ...]:
+    z = np.abs(found.difference / found.standard_error)
+    z = np.where(np.isfinite(z), z, 0.0)
+    out = []
+    for dwell in np.flatnonzero(z.max(axis=1, initial=0.0) > _OUTLYING)[:_MOST]:
+        window, channel = table.windows[dwell], int(z[dwell].argmax())
+        out.append(
+            f"Pose {window.pose}, visit {window.visit}, stands alone: {found.channels[channel]} lies "
+            f"{z[dwell, channel]:.0f} standard errors from what the rest of the loop predicts."
+        )
+    return tuple(out)
