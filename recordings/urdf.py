@@ -23,6 +23,7 @@ from urdf_parser_py.xml_reflection import core as reflection
 from recordings.errors import RigError
 from recordings.rig.mechanism import CONSTRAINTS, POSE
 from recordings.rig.rig import parse_rig
+from recordings.sought import sought, with_level_x
 
 Array = NDArray[np.float64]
 
@@ -145,13 +146,17 @@ def rig_from_urdf(
         if doubts.encoder_rad > 0:
             channels.append(f"offset_{unit} = {_uncertain(0.0, doubts.encoder_rad)}")
         reached = reached @ _moved(axis, home, kind)
-    sought = [part for part in POSE if part not in CONSTRAINTS[constraint]]
+    freed = CONSTRAINTS[constraint]
+    if "rz" in freed and np.hypot(reached[0, 0], reached[1, 0]) < _STEEP:
+        # Its own turn about z is anybody's: one that keeps ry from the right angle.
+        reached[:3, :3] = with_level_x(reached[:3, :3])
+    seek = sought(reached[:3, :3], freed)
     for name in fixtures:
         lines += ["", "[[mechanism.fixture]]", f'name = "{name}"']
         for part, value in zip(POSE, _pose_of(reached), strict=True):
             unit = "m" if part in "xyz" else "rad"
             wanted = f"{{ nominal = {value!r}, identify = true }}"
-            lines.append(f"{part}_{unit} = {wanted if part in sought else repr(value)}")
+            lines.append(f"{part}_{unit} = {wanted if part in seek else repr(value)}")
     toml = "\n".join([*lines, *channels]) + "\n"
     parse_rig(toml, f"the rig of robot '{robot.name}'")
     return toml

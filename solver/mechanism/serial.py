@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,7 +180,7 @@ class SerialModel:
         """Channel names, in the order of readings."""
         return self.sensing.names
 
-    @property
+    @cached_property
     def unsensed(self) -> NDArray[np.intp]:
         """Indices of coordinates that no channel senses."""
         return np.setdiff1d(np.arange(len(self.coordinate_names)), self.sensed)
