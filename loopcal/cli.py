@@ -208,9 +208,13 @@ def simulate(
     seed: SeedOption = 1,
     hide: HideOption = None,
     truth: TruthOption = None,
+    plan: Annotated[
+        Path | None,
+        typer.Option("--plan", metavar="PLAN", help="Plan file to play in place of the rig's own."),
+    ] = None,
 ) -> None:
     """Write the recording that a capture of the rig would, without wires and without waiting."""
-    from recordings.rig import parse_rig, rig_text
+    from recordings.rig import load_plan, parse_rig, rig_text
     from sim_devices.simulate import simulate as run
 
     with explained():
@@ -223,6 +227,7 @@ def simulate(
             seed=seed,
             hide=tuple(hide or ()),
             truth_path=truth,
+            plan=None if plan is None else load_plan(plan),
         )
     out.print(f"wrote {output}", markup=False)
 
@@ -365,7 +370,7 @@ def blind(
         typer.Option("--out", metavar="FOLDER", help="Where cases, scores and pictures go."),
     ] = Path("blind-output"),
     short: Annotated[
-        bool, typer.Option("--short", help="Some thirty cases, a few minutes: what the tests run.")
+        bool, typer.Option("--short", help="Some twenty cases, two minutes: what the tests run.")
     ] = False,
     runs: Annotated[
         int, typer.Option("--runs", min=1, help="Times that the whole grid is played.")

@@ -59,6 +59,8 @@ class Recording:
         dwells, marks, faults, mode_commands, mode_reports, clock: events.
         ledger: last entry of each source.
         damage: what is wrong with the file, a line each; empty for a whole file.
+        session_starts_ns: when each session began, where several were joined into one recording;
+            empty as read from a file.
     """
 
     path: Path
@@ -74,3 +76,4 @@ class Recording:
     clock: tuple[ClockSample, ...]
     ledger: Mapping[str, LedgerEntry]
     damage: tuple[str, ...] = ()
+    session_starts_ns: tuple[int, ...] = ()

@@ -13,14 +13,16 @@ whenever it is run. Truth goes to a file of its own or nowhere.
 from __future__ import annotations
 
 import uuid
+import zlib
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recordings.events import Dwell, Event, Fault, Mark, Mode, ModeCommand, ModeReport
-from recordings.rig import Rig, SerialMechanism
+from recordings.rig import Plan, Rig, SerialMechanism
 from recordings.session import Session
 from recordings.writer import Writer
 from sim_devices.plant.creation import make_nature
@@ -56,6 +58,7 @@ def simulate(
     hide: Sequence[str] = (),
     truth_path: str | Path | None = None,
     noise: Noise | None = None,
+    plan: Plan | None = None,
 ) -> Truth:
     """Write the recording of a simulated session.
 
@@ -68,6 +71,9 @@ def simulate(
         hide: effects at work, each ``NAME@WHERE=SIZE`` or ``random``.
         truth_path: file to create with the truth, or None.
         noise: of the readings; by default white and normal.
+        plan: what is played in place of the rig's own plan, by the same nature: effects that are
+            sized by the plan's travel are sized by the rig's own. It is another session, so its
+            noise is drawn anew (the same plan gives the same).
 
     Returns:
         What the rig really was.
@@ -83,28 +89,34 @@ def simulate(
         raise CannotSimulate(f"{poses} poses were asked for, expected at least 1")
     if truth_path is not None:
         refuse_to_overwrite(truth_path)
-    nature = make_nature(rig, seed, hide, poses)
+    nature = make_nature(rig, seed, hide, poses if plan is None else None)
+    drawn = seed
+    if plan is not None:
+        nature = replace(nature, rig=rig.model_copy(update={"plan": plan}))
+        drawn = zlib.crc32(f"{seed} {plan.model_dump_json()}".encode())
     played = play(nature, poses)
     session = Session(
-        session_id=str(uuid.UUID(bytes=stream(seed, SESSION).bytes(16), version=4)),
+        session_id=str(uuid.UUID(bytes=stream(drawn, SESSION).bytes(16), version=4)),
         start_ns=EPOCH_NS,
         operator="simulated",
         notes="simulated without wires",
     )
     with Writer(path, rig_toml, session) as writer:
-        _write(writer, nature, played, noise or Noise())
+        _write(writer, nature, played, noise or Noise(), drawn)
     if truth_path is not None:
         write_truth(nature.truth, truth_path)
     return nature.truth
 
 
-def _write(writer: Writer, nature: Nature, played: Played, noise: Noise) -> None:
-    """All events, a stretch of readings and then what happened at its end, stop by stop."""
+def _write(writer: Writer, nature: Nature, played: Played, noise: Noise, seed: int) -> None:
+    """All events, a stretch of readings and then what happened at its end, stop by stop.
+
+    ``seed`` is that of the noise.
+    """
     time_s = played.course.time_s
     arrivals = _arrivals(nature, time_s)
     readings = []
     for k, channel in enumerate(nature.rig.channels):
-        seed = nature.truth.seed
         rng = stream(seed, NOISE, k)
         off = noise.samples(rng, len(time_s))
         off = off + noise.of_visits(seed, k, time_s, played.stops, plan_of(nature))

@@ -11,7 +11,7 @@ to show the noise (a table with one reading a pose), the noise that the rig stat
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,7 @@ class PoseTable:
         start_ns: when the session began, on the clock of the windows.
         approach: (P, C) from which side each channel's counts came to rest (`solver.approach`), or None.
         rate: (P, C) speed of each channel's value [rad/s or m/s]; None where every row is a dwell.
+        sessions_ns: when each session began, where there are several; empty for one.
     """
 
     channels: tuple[str, ...]
@@ -72,6 +73,7 @@ class PoseTable:
     start_ns: int = 0
     approach: Array | None = None
     rate: Array | None = None
+    sessions_ns: tuple[int, ...] = ()
 
     def circumstances(self, rig: Rig) -> Circumstances:
         """Under what the poses were read, loads left open.
@@ -88,7 +90,16 @@ class PoseTable:
             approach=None if self.approach is None else self.approach * rising,
             rate=np.zeros(self.counts.shape) if self.rate is None else self.rate,
             noise=np.tile(self.noise, (len(self.counts), 1)),
+            begun_s=self._begun(middle),
         )
+
+    def _begun(self, middle_ns: Array) -> Array | None:
+        """(P,) when the session of each pose began [s]; None where there is but one."""
+        if not self.sessions_ns:
+            return None
+        starts = np.array(self.sessions_ns)
+        own = np.maximum(np.searchsorted(starts, middle_ns, side="right") - 1, 0)
+        return np.asarray((starts[own] - self.start_ns) * 1e-9)
 
     def _fixture(self, names: Sequence[str]) -> NDArray[np.intp] | None:
         """(P,) which of the fixtures ``names`` held each pose; None where the rig has one at most.
@@ -117,12 +128,16 @@ def track(recording: Recording, channel: Channel) -> Track:
             "Record all channels of the rig, or take the channel out of it."
         )
     order = np.argsort(readings.time_ns, kind="stable")
-    counts = readings.raw[order].astype(np.float64)
+    time_ns, counts = readings.time_ns[order], readings.raw[order].astype(np.float64)
     if channel.modulus_counts is not None:
-        counts = np.unwrap(counts, period=channel.modulus_counts)
-        turns = np.round((np.median(counts) - channel.zero_count) / channel.modulus_counts)
-        counts -= turns * channel.modulus_counts
-    return Track(readings.time_ns[order], counts)
+        # Between two sessions a joint may have gone anywhere: each is unwrapped by itself.
+        later = np.searchsorted(time_ns, recording.session_starts_ns[1:])
+        for part in np.split(np.arange(len(counts)), later):
+            if len(part):
+                own = np.unwrap(counts[part], period=channel.modulus_counts)
+                turns = np.round((np.median(own) - channel.zero_count) / channel.modulus_counts)
+                counts[part] = own - turns * channel.modulus_counts
+    return Track(time_ns, counts)
 
 
 def average(recording: Recording, *, shortest_s: float | None = None) -> PoseTable:
@@ -153,8 +168,10 @@ def average(recording: Recording, *, shortest_s: float | None = None) -> PoseTab
         )
     fullest = max(len(_inside(track, window)) for window in windows for track in tracks.values())
     if fullest < _FEWEST_SAMPLES:
-        return _believed(rig, tracks, windows, recording.session.start_ns)
-    return _table(tracks, windows, recording.session.start_ns)
+        table = _believed(rig, tracks, windows, recording.session.start_ns)
+    else:
+        table = _table(tracks, windows, recording.session.start_ns)
+    return replace(table, sessions_ns=recording.session_starts_ns)
 
 
 def _believed(

@@ -29,7 +29,8 @@ class OffsetDrift(ChannelEffect):
         return (Coefficient("rate", speed, self.of_size(1e-5, 1e-6)),)
 
     def seen(self, values: Array, coefficients: Array, at: Circumstances) -> Shift | None:
-        return None if at.time_s is None else self.shift(at.time_s[:, None], coefficients)
+        since = at.running_s
+        return None if since is None else self.shift(since[:, None], coefficients)
 
     def size(self, coefficients: Array, values: Array, at: Circumstances) -> float:
         return float(coefficients[0])

@@ -44,9 +44,10 @@ class ThermalGrowth(Effect):
         return (Coefficient("rate", "rate", 1e-5),)
 
     def moved(self, coefficients: Array, at: Circumstances, poses: int) -> Shift | None:
-        if at.time_s is None:
+        since = at.running_s
+        if since is None:
             return None
-        growing = np.tile(at.time_s[:, None], len(self._targets))
+        growing = np.tile(since[:, None], len(self._targets))
         amount = coefficients[0] * growing
         return Shift(self._targets, amount, growing[:, :, None], relative=True)
 

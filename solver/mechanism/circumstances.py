@@ -20,7 +20,8 @@ class Circumstances:
 
     Attributes:
         fixture: (P,) which of the rig's fixtures held each pose; None where there is one at most.
-        time_s: (P,) middle of the dwell since the session began [s].
+        time_s: (P,) middle of the dwell since the session began [s]; of several sessions, that lie
+            end to end on one axis, since the first one began.
         approach: (P, C) 1.0 where the channel last moved to larger values, -1.0 to smaller ones,
             0.0 where it did not move.
         rate: (P, C) speed of each channel's true value while it was read [rad/s or m/s].
@@ -29,6 +30,8 @@ class Circumstances:
             of each leg [N], in the order of the mechanism's places.
         force: (P, 3) what the mechanism exerts on its fixture [N], in the fixture's axes (the
             base frame's where the rig has no fixtures, or is a platform).
+        begun_s: (P,) when the pose's own session began, on the axis of ``time_s`` [s]; None where
+            there is but one.
     """
 
     fixture: NDArray[np.intp] | None = None
@@ -38,6 +41,14 @@ class Circumstances:
     noise: Array | None = None
     torque: Array | None = None
     force: Array | None = None
+    begun_s: Array | None = None
+
+    @property
+    def running_s(self) -> Array | None:
+        """(P,) for how long each pose's own session had run [s]."""
+        if self.time_s is None or self.begun_s is None:
+            return self.time_s
+        return np.asarray(self.time_s - self.begun_s)
 
     def take(self, poses: NDArray[np.intp] | NDArray[np.bool_]) -> Circumstances:
         """The circumstances of some poses."""

@@ -26,7 +26,9 @@ from solver.estimate.identifiability import (
 from solver.estimate.nuisance import Observations, settle
 from solver.estimate.null_directions import point_frames
 from solver.mechanism.model import Model, model_of
+from solver.mechanism.serial import SerialModel
 from solver.mechanism.space import ParameterSpace
+from solver.mobility import immobile, offset_determined, told
 from solver.poses.criteria import Criterion
 from solver.poses.fixtures import in_every_fixture
 from solver.poses.prediction import Predicted, predict, predict_by_hand
@@ -57,6 +59,7 @@ class SessionPlan:
         followed: by hand, of a session at the suggested poses instead; None where driven.
         by_poses: of shorter and longer sessions, without revisits.
         held: combinations that no pose determines, in words.
+        still: joints that cannot move, and what that costs, in words.
     """
 
     plan: Plan
@@ -67,6 +70,7 @@ class SessionPlan:
     followed: Predicted | None
     by_poses: tuple[Predicted, ...]
     held: tuple[str, ...]
+    still: tuple[str, ...]
 
 
 def plan_session(
@@ -103,7 +107,7 @@ def plan_session(
     count = base.poses if poses is None else poses
     known = model.pseudo_observations(x, space.expansion)[1]
     best: tuple[float, tuple[int, ...], Array, Array] | None = None
-    for drives, coordinates in _candidates(rig, model, x, by_hand):
+    for drives, coordinates in reachable_poses(rig, model, x, by_hand):
         places, kept = in_every_fixture(rig, model, x, drives, coordinates)
         coordinates = coordinates[kept]
         jacobians = np.concatenate(
@@ -113,11 +117,11 @@ def plan_session(
         score = _score(space, jacobians[chosen], known)
         if best is None or score < best[0]:
             best = (score, drives, coordinates, jacobians)
-    assert best is not None  # _candidates raises where there is none
+    assert best is not None  # reachable_poses raises where there is none
     _, drives, coordinates, jacobians = best
     chosen = select(jacobians, min(count, len(coordinates)), criterion).poses
     chosen = chosen[_short_path(coordinates[chosen][:, drives] if drives else coordinates[chosen])]
-    plan = _plan(rig, model, base, drives, coordinates[chosen], len(chosen), x)
+    plan = plan_at(rig, model, base, drives, coordinates[chosen], len(chosen), x)
     stops = [visit.pose for visit in visits(plan)]
     rows = np.vstack([jacobians.reshape(-1, len(space.names)), known])
     found = identifiability(space, rows, x, point_frames(rig))
@@ -136,12 +140,39 @@ def plan_session(
         suggested if by_hand else None,
         tuple(_by_poses(space, jacobians, criterion, found, known, by_hand)),
         found.combinations,
+        _still(rig, model, space, x, coordinates, found),
     )
 
 
-def _candidates(
+def _still(
+    rig: Rig,
+    model: Model,
+    space: ParameterSpace,
+    x: Array,
+    coordinates: Array,
+    found: Identifiability,
+) -> tuple[str, ...]:
+    """What is to be said of joints that stand still at all of ``coordinates`` (P, U)."""
+    if not isinstance(model, SerialModel):
+        return ()
+    out = []
+    for j in immobile(model, x, coordinates):
+        name = model.coordinate_names[j]
+        channel = rig.sensed_by(name)
+        sensor = None if channel is None else channel.name
+        known = offset_determined(space, found.held, name, sensor)
+        out.append(told(name, determined=known))
+    return tuple(out)
+
+
+def reachable_poses(
     rig: Rig, model: Model, x: Array, by_hand: bool
 ) -> list[tuple[tuple[int, ...], Array]]:
+    """Sets of drives with closed poses (P, U) that each can reach; by hand one without drives.
+
+    Raises:
+        MechanismError: nothing can be reached safely.
+    """
     if by_hand:
         poses = wander(rig, model, x, 2 * _CANDIDATES, seed=1)
         seen = poses[_within_ranges(rig, model, x, poses)][:_CANDIDATES]
@@ -152,7 +183,7 @@ def _candidates(
             )
         return [((), seen)]
     out, refused = [], []
-    for drives in drive_choices(rig, model, x)[:_CHOICES]:
+    for drives in drive_choices(rig, model, x):
         try:
             region = reachable(rig, model, x, drives)
         except MechanismError as error:
@@ -163,8 +194,11 @@ def _candidates(
             rng = np.random.default_rng(0)
             some = some[np.sort(rng.choice(len(some), _CANDIDATES, replace=False))]
         out.append((drives, some))
+        if len(out) == _CHOICES:
+            break
     if not out:
-        raise MechanismError(refused[0])
+        others = f" (nor by any of {len(refused) - 1} other choices)" if len(refused) > 1 else ""
+        raise MechanismError(f"{refused[0]}{others}")
     return out
 
 
@@ -263,7 +297,7 @@ def _short_path(points: Array) -> NDArray[np.intp]:
     return order
 
 
-def _plan(
+def plan_at(
     rig: Rig,
     model: Model,
     base: Plan,
@@ -272,6 +306,7 @@ def _plan(
     count: int,
     x: Array,
 ) -> Plan:
+    """``base`` with the ``drives`` going to ``coordinates`` (P, U); by hand with ``count`` poses."""
     if not drives:
         return base.model_copy(update={"poses": count})
     names = [model.coordinate_names[drive] for drive in drives]
