@@ -21,6 +21,7 @@ _HALF_WINDOW_S = 0.15
 _GRID_S = 0.01
 EDGE_S = 0.08  # at either end of a standstill motion may already have begun, below the noise
 _THRESHOLD = 5.0  # standard errors of the difference of two half-window means
+_ALIKE = 4.0  # times white noise: more is motion, not noise
 _QUANTUM = 0.3  # counts: no channel is believed to be quieter than its quantisation
 
 
@@ -93,6 +94,10 @@ def _still(track: Track, grid: Times, sigma: float) -> NDArray[np.bool_]:
     with np.errstate(divide="ignore", invalid="ignore"):
         difference = (sums[right] - sums[here]) / after - (sums[here] - sums[left]) / before
         error = sigma * np.sqrt(1.0 / before + 1.0 / after)
+    if counted.any():
+        # Noise of neighbouring samples may be alike: then means differ more than white noise says.
+        quiet = np.quantile(np.abs(difference[counted]) / error[counted], 0.25) / 0.3186
+        error = error * np.clip(quiet, 1.0, _ALIKE)
     return counted & (
         np.abs(np.where(counted, difference, np.inf)) < _THRESHOLD * np.where(counted, error, 1.0)
     )

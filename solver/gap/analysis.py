@@ -235,7 +235,8 @@ def _concluded(
         )
     remainder = _remainder(found, after)
     lacking = after.p < _LACK and remainder > _SHAPE
-    strange = left.p < _STRANGE and remainder > _SHAPE
+    pattern = left.patterns[0].explained if left.patterns else 0.0
+    strange = left.p < _STRANGE and pattern > _SHAPE * sum(n.best.explained for n in found.named)
     if not found.named:
         if broken and found.complete and not (lacking or strange):
             return Verdict.NAMED, tuple(reasons)

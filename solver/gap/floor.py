@@ -19,6 +19,7 @@ from solver.gap.fit import Fit
 
 Array = NDArray[np.float64]
 
+_ENOUGH = 5  # poses visited again, of which a floor can be told
 _NEAR = 0.03  # of a channel's travel: poses set by hand that differ less count as one
 
 
@@ -42,8 +43,8 @@ class Floor:
 
     @property
     def provisional(self) -> bool:
-        """Whether there is nothing but the noise within dwells to go by."""
-        return self.freedoms == 0
+        """Whether there is little but the noise within dwells to go by."""
+        return self.revisited < _ENOUGH
 
 
 def same_poses(windows: Sequence[Window], counts: Array) -> NDArray[np.intp]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from solver.effects.effect import Effect
 from solver.estimate.nuisance import settle
+from solver.gap.candidates import candidates
 from solver.gap.fit import Fit, extended, refit
 from solver.gap.search import look
 
@@ -125,10 +126,10 @@ def _grown(base: Fit, named: Sequence[Effect], rng: np.random.Generator) -> Fit:
     Where the choice falls on an effect that was named, its settings are those that were found in
     all poses: a moment between two held-out dwells cannot be found without them.
     """
-    now, limits = base, None
+    now, limits, pool = base, None, candidates(base) if named else ((), ())
     settings = {effect.label: effect for effect in named}
     for _ in named:
-        seen = look(now, rng, limits)
+        seen = look(now, rng, limits, pool)
         limits = seen.screen.threshold
         evidence = seen.screen.log_evidence
         if not len(evidence) or not np.isfinite(evidence).any():

@@ -27,7 +27,7 @@ from solver.gap.trace import codes, traces
 Array = NDArray[np.float64]
 
 _LEAST_NOISE = 1e-9  # of the assumed variance: few poses can be fitted without any misfit
-_RETAINED = 1e-8  # of a trace's squared length: less is rounding
+_RETAINED = 1e-5  # of a trace's squared length: less is rounding
 _SCALES = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0])  # of the plausible size
 _WEIGHTS = np.array([0.05, 0.1, 0.2, 0.3, 0.2, 0.1, 0.05])
 
@@ -93,9 +93,13 @@ def forms(fit: Fit, tested: Sequence[Candidate]) -> tuple[Form, ...]:
 def _form(effect: Effect, candidate: int, full: Array, projected: Array, whole: bool) -> Form:
     scale = np.linalg.norm(full, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
-    left, singular, _ = np.linalg.svd(projected / scale, full_matrices=False)
-    basis = left[:, singular**2 > _RETAINED]
-    retained = float(np.mean((np.linalg.norm(projected, axis=0) / scale) ** 2))
+    length = np.linalg.norm(projected, axis=0)
+    retained = float(np.mean((length / scale) ** 2))
+    if len(scale) == 1:  # most forms are, and there are many
+        basis = projected[:, :1] / length if retained > _RETAINED else projected[:, :0]
+    else:
+        left, singular, _ = np.linalg.svd(projected / scale, full_matrices=False)
+        basis = left[:, singular**2 > _RETAINED]
     return Form(effect, candidate, basis, projected, retained, whole)
 
 
@@ -141,7 +145,7 @@ def _log_evidence(form: Form, r: Array, noise: float) -> float:
     plausible = np.array([c.plausible for c in form.effect.coefficients])
     scaled = form.trace * plausible / np.sqrt(noise)
     gram, pull = scaled.T @ scaled, scaled.T @ r / np.sqrt(noise)
-    values, vectors = np.linalg.eigh(gram)
+    values, vectors = np.linalg.eigh(gram) if len(gram) > 1 else (gram[0], np.eye(1))
     values, pull = np.maximum(values, 0.0), vectors.T @ pull
     variance = _SCALES[:, None] ** 2
     each = np.sum(

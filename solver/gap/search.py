@@ -28,6 +28,7 @@ LEVEL = 0.05
 MORE = 0.01
 """The same for something beside what is named already: a second name needs more evidence."""
 
+_REAL = 0.3  # of what the linear model promises, at the least
 _NEVER = 100.0  # times the plausible size
 _RIVALS = 8  # candidates that are refitted in full, at most
 _MARGIN = 30.0  # noise units of chi-square by which a rival may explain less and still be refitted
@@ -107,18 +108,29 @@ class Search:
     complete: bool
 
 
+Pool = tuple[tuple[Candidate, ...], tuple[Untestable, ...]]
+"""All candidates, and those that cannot be tested."""
+
 Progress = Callable[[str], None]
 
 
-def look(fit: Fit, rng: np.random.Generator, limits: Threshold | None = None) -> Look:
+def look(
+    fit: Fit,
+    rng: np.random.Generator,
+    limits: Threshold | None = None,
+    pool: Pool | None = None,
+) -> Look:
     """``fit`` with every candidate held against its residual.
 
     Args:
         fit: the model.
         rng: for the draws.
         limits: what noise does, from a model much like this one; drawn anew by default.
+        pool: the candidates of such a model, their forms found already; sought anew by default.
     """
-    tested, hopeless = candidates(fit)
+    tested, hopeless = candidates(fit) if pool is None else pool
+    taken = {effect.label for effect in fit.effects}
+    tested = tuple(c for c in tested if c.label not in taken)
     labels = [c.label for c in tested]
     found = forms(fit, tested)
     limits = threshold(fit, found, labels, rng) if limits is None else limits
@@ -141,7 +153,8 @@ def search(
         progress: is told what is being tried.
     """
     progress("screening")
-    before = now = look(fit, rng)
+    pool = candidates(fit)
+    before = now = look(fit, rng, pool=pool)
     chosen: list[Possible] = []
     first: list[Possible] = []
     while (
@@ -149,7 +162,7 @@ def search(
         and len(chosen) < MOST
         and not _shape_only(now, chosen)
     ):
-        found = possible(now, rng, progress)
+        found = possible(now, rng, progress, pool)
         if not found:
             break
         first = first or found
@@ -169,11 +182,11 @@ def search(
         reduced = without(now.fit, labels.index(mine))
         if reduced is None:
             continue
-        around = look(reduced, rng)
+        around = look(reduced, rng, pool=pool)
         if not around.significant(MORE):
             now = around  # the others have made it needless
             continue
-        rivals = [p for p in possible(around, rng, progress) if p.enough]
+        rivals = [p for p in possible(around, rng, progress, pool) if p.enough]
         own = next((p for p in rivals if p.effect.label == mine), None)
         first_choice = next(p for p in chosen if p.effect.label == mine)
         named.append(_named(own or (rivals[0] if rivals else first_choice), rivals))
@@ -186,7 +199,7 @@ def _named(best: Possible, rivals: Sequence[Possible]) -> Named:
     return Named(first, tuple(p for p in ordered if p.effect.label != first.effect.label))
 
 
-def possible(now: Look, rng: np.random.Generator, progress: Progress) -> list[Possible]:
+def possible(now: Look, rng: np.random.Generator, progress: Progress, pool: Pool) -> list[Possible]:
     """The candidates that come into question, each added and refitted, best evidence first."""
     statistics = np.array([now.statistic(i) for i in range(len(now.candidates))])
     if not len(statistics):
@@ -204,9 +217,11 @@ def possible(now: Look, rng: np.random.Generator, progress: Progress) -> list[Po
         if fit is None or fit.rss > now.fit.rss:
             continue
         explained = (now.fit.rss - fit.rss) / _noise_of(now)
+        if explained < _REAL * now.statistic(int(i)) / _noise_of(now):
+            continue  # what the linear model promised was curvature, not explanation
         if explained < min(most - _MARGIN, (1.0 - _SHARE) * most):
             continue  # the best one would stand out behind it
-        added = _added(now, int(i), fit, explained, rng, limits)
+        added = _added(now, int(i), fit, explained, rng, limits, pool)
         limits = added.after.screen.threshold if limits is None and added.enough else limits
         most = max(most, explained)
         out.append(added)
@@ -242,8 +257,9 @@ def _added(
     explained: float,
     rng: np.random.Generator,
     limits: Threshold | None,
+    pool: Pool,
 ) -> Possible:
-    form, after = now.form(candidate), look(fit, rng, limits)
+    form, after = now.form(candidate), look(fit, rng, limits, pool)
     linear = float(now.screen.scores.log_evidence[now.screen.best_form[candidate]])
     spread = float(now.screen.log_evidence[candidate]) - linear
     # The evidence of the linear model, with the misfit that the full refit reached in its place.

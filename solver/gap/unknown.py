@@ -25,11 +25,15 @@ _SPREAD = 1e-3  # of the largest principal coordinate: less is no freedom of its
 
 @dataclass(frozen=True)
 class Pattern:
-    """One group of smooth functions at one channel: ``over`` is "pose", "time" or "approach"."""
+    """One group of smooth functions at one channel: ``over`` is "pose" or "time".
+
+    ``explained`` is the chi-square that it would take away, in units of the noise that is left.
+    """
 
     channel: str
     over: str
     log_p: float
+    explained: float
 
 
 @dataclass(frozen=True)
@@ -47,21 +51,22 @@ def unknown(fit: Fit, rng: np.random.Generator) -> Unknown:
         return Unknown((), 1.0)
     drawn = np.hstack([fit.projected(fit.stacked[:, None]), fit.drawn(_DRAWS, rng)])
     total = np.sum(drawn**2, axis=0)
-    log_p = np.array(
-        [
-            log_f_tail(
-                np.sum((basis.T @ drawn) ** 2, axis=0),
-                np.full(drawn.shape[1], basis.shape[1]),
-                total,
-                fit.freedoms,
-            )
-            for basis in bases
-        ]
-    ).reshape(len(bases), -1)
+    if not bases:
+        return Unknown((), 1.0)
+    statistic = np.array([np.sum((basis.T @ drawn) ** 2, axis=0) for basis in bases])
+    width = np.array([basis.shape[1] for basis in bases])
+    log_p = log_f_tail(statistic, width[:, None], total, fit.freedoms)
+    noise = (total[0] - statistic[:, 0]) / np.maximum(fit.freedoms - width, 1)
     lowest = log_p.min(axis=0)
     p = (1.0 + float(np.sum(lowest[1:] <= lowest[0]))) / (1.0 + _DRAWS)
     order = np.argsort(log_p[:, 0])
-    return Unknown(tuple(Pattern(names[i][0], names[i][1], float(log_p[i, 0])) for i in order), p)
+    return Unknown(
+        tuple(
+            Pattern(names[i][0], names[i][1], float(log_p[i, 0]), float(statistic[i, 0] / noise[i]))
+            for i in order
+        ),
+        p,
+    )
 
 
 def _groups(fit: Fit) -> tuple[list[tuple[str, str]], list[Array]]:
