@@ -12,7 +12,7 @@ from recordings.reader import Recording
 from recordings.session import SOFTWARE, to_metadata
 from solver.gap.result import Gap, Verdict
 from solver.report import gap_words
-from solver.report.notation import figures, fixed
+from solver.report.notation import figures
 from solver.report.pictures.canvas import Picture
 from solver.report.pictures.gap_held_out import held_out_picture
 from solver.report.pictures.gap_maps import disagreements, pose_maps
@@ -110,7 +110,7 @@ def _facts(gap: Gap) -> tuple[Fact, ...]:
             closed = (
                 "there was no significant gap"
                 if held.closed is None
-                else f"{fixed(100.0 * held.closed, 1)} % of the gap is closed"
+                else f"{gap_words.share(held.closed)} of the gap is closed"
             )
             out.append(
                 Fact(

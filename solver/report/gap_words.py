@@ -135,7 +135,12 @@ def gap_closed(gap: Gap) -> str:
     )
     if held.closed is None:
         return f"{told}; there was no significant gap on them"
-    return f"{told}; {100.0 * held.closed:.1f} % of the gap is closed"
+    return f"{told}; {share(held.closed)} of the gap is closed"
+
+
+def share(closed: float) -> str:
+    """A share in per cent, that never rounds up to all of it."""
+    return "more than 99.9 %" if 0.9995 <= closed < 1.0 else f"{100.0 * closed:.1f} %"
 
 
 def _beside(value: float, error: float) -> str:
