@@ -29,8 +29,7 @@ _SETTLED = 1e-6
 def baselines(look: Look) -> dict[str, list[str]]:
     """What each method names, of the candidates and the residual of ``look``."""
     fit, shapes = look.fit, [form for form in look.forms if form.basis.shape[1]]
-    r = fit.residual.ravel()
-    r = r - fit.absorbed @ (fit.absorbed.T @ r)
+    r = fit.projected(fit.stacked[:, None])[:, 0]
     labels = [look.candidates[form.candidate].label for form in shapes]
     if not labels:
         return {name: [] for name in ("correlation", "screening", "bic", "lasso")}

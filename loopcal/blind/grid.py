@@ -32,7 +32,7 @@ NOISES = {
 """White and normal, and three ways in which laboratory noise is neither."""
 
 _SHORT = ("arm", "shoulder")
-_SHORT_SINGLES, _SHORT_NULLS = 16, 12
+_SHORT_SINGLES, _SHORT_NULLS = 10, 8
 
 _OWN = ("stewart", "wrist")
 """Rigs that lie in this folder; the others are bundled."""
@@ -113,7 +113,7 @@ def cases(
 
 
 def short_cases(seed: int) -> tuple[Case, ...]:
-    """A sample of the grid that takes two or three minutes: strong effects and nulls of two mechanisms."""
+    """A sample of the grid that takes a minute or two: strong effects and nulls of two mechanisms."""
     grid = cases(seed, runs=1, mechanisms=_SHORT, strengths=(STRONG,))
     singles = [case for case in grid if case.kind == "single"]
     nulls = [case for case in grid if case.kind == "null"]

@@ -25,6 +25,9 @@ MOST = 10.0
 """An effect may be this many times as large as the largest of a few typical ones."""
 
 _KINDS = {**EFFECT_KINDS, **OUTSIDER_KINDS}
+LEAST_RETAINED = 1e-4
+"""An effect that keeps less is a change of frames, of which only squares and rounding show."""
+
 _TYPICAL = 16
 _PLACES = 4
 _PAIRS = 8
@@ -186,13 +189,22 @@ def _pair(bench: Bench, rig: Rig, case: Case, rng: np.random.Generator) -> list[
             pair = [first, _one(bench, rig, str(chosen[1]), case.strength, rng, (first[0],))]
         except (OutOfReach, BadEffect):
             continue
-        directions = [trace.left.mean(axis=1)[:, None] for _, trace in pair]
-        units = [d / np.linalg.norm(d) for d in directions]
-        beside = [pair[0][1].beside(units[1]), pair[1][1].beside(units[0])]
         alike = pair[0][0].partition("=")[0] == pair[1][0].partition("=")[0]
-        if not alike and min(beside) > _DISTINCT * case.strength:
+        if not alike and _distinct(pair[0][1], pair[1][1]):
             return pair
     raise OutOfReach(f"no pair of effects that differ enough at a strength of {case.strength:g}")
+
+
+def _distinct(one: Trace, other: Trace) -> bool:
+    """Whether enough of each is left beside the other; one that shows in motion only is distinct."""
+    if len(one.left) != len(other.left):
+        return True
+    for mine, rival in ((one, other), (other, one)):
+        direction = rival.left.mean(axis=1)[:, None]
+        unit = direction / np.linalg.norm(direction)
+        if mine.beside(unit) < _DISTINCT * mine.strength:
+            return False
+    return True
 
 
 def _scaled(
@@ -225,7 +237,7 @@ def _scaled(
         if off < math.log(_CLOSE):
             break
         size *= float(np.clip(math.sqrt(strength / max(trace.strength, 1e-3)), 1e-3, 1e3))
-    if best is None or best[0] > math.log(_NEAR):
+    if best is None or best[0] > math.log(_NEAR) or best[2].retained < LEAST_RETAINED:
         return None
     return best[1], best[2]
 

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from loopcal.blind.answering import Answer, answer
 from loopcal.blind.grid import Case
@@ -35,12 +35,12 @@ def play(case: Case) -> tuple[dict[str, Any], Answer | None]:
     """Make one case and analyse it: what is sealed, and the answer unless the case was left out."""
     with tempfile.TemporaryDirectory() as folder:
         recording = Path(folder) / "recording.mcap"
-        begin = time.perf_counter()
+        begin = time.process_time()
         try:
             sealed = make(case, recording)
         except (SimDevicesError, SolverError) as error:
             sealed = left_out(case, f"{type(error).__name__}: {error}")
-        told = {**asdict(sealed), "seconds": time.perf_counter() - begin}
+        told = {**asdict(sealed), "seconds": time.process_time() - begin}
         return told, None if sealed.left_out else answer(recording)
 
 
@@ -66,10 +66,7 @@ def run(
     done &= answered | out
     left = [case for case in cases if case.key not in done]
     progress(len(cases) - len(left), len(cases))
-    with (
-        (folder / SEALED).open("a", encoding="utf-8") as sealed,
-        (folder / ANSWERS).open("a", encoding="utf-8") as answers,
-    ):
+    with _appended(folder / SEALED) as sealed, _appended(folder / ANSWERS) as answers:
         played = map(_alone, left) if jobs == 1 else _parallel(left, jobs)
         for number, (case, told, said) in enumerate(played, start=1):
             if said is not None:
@@ -92,6 +89,15 @@ def read(path: Path) -> list[dict[str, Any]]:
             continue  # the run was ended while it wrote this one; the case is played again
         lines[line["key"]] = line
     return list(lines.values())
+
+
+def _appended(path: Path) -> TextIO:
+    """A results file to write lines to, behind a line that may have been cut off."""
+    whole = not path.exists() or path.read_bytes()[-1:] in (b"", b"\n")
+    file = path.open("a", encoding="utf-8")
+    if not whole:
+        file.write("\n")
+    return file
 
 
 _Played = tuple[Case, dict[str, Any], Answer | None]

@@ -226,12 +226,13 @@ def scores(cases: Sequence[Outcome]) -> tuple[Score, ...]:
         _rate("a single wrong name", singles, lambda c: c.wrong_alone, most=0.03),
         _rate("near-twins reported as a group", twins, lambda c: c.within and len(c.groups[0]) > 1, least=0.95),
         _rate("none of the known, recognised", strangers, lambda c: c.verdict == "none-of-the-known", least=0.85),
+        _rate("the same, where the nearest known effect leaves 64 or more", [c for c in strangers if c.apart >= 64.0], lambda c: c.verdict == "none-of-the-known"),
         _rate("none of the known, falsely said of a known effect", singles, lambda c: c.verdict == "none-of-the-known", most=0.07),
         _rate("both of a double", doubles, lambda c: c.found, least=0.75),
         _rate("95 % interval covers the size", [c for c in right if c.covered is not None], lambda c: bool(c.covered), least=0.92, most=0.97),
         _median("held-out gap closed, median, strength 225 and above", closed, least=0.90),
         _median("gap left on held-out poses, median, strength 225 and above", [g["after"] for g in gaps], most=1.1),
-        _median("time of an analysis [s], median", [c.answer["seconds"] for c in cases]),
+        _median("processor time of an analysis [s], median", [c.answer["seconds"] for c in cases]),
         _rate("analyses that ended in an error", cases, lambda c: c.verdict == "error"),
     )  # fmt: skip
 

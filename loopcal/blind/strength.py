@@ -2,17 +2,17 @@
 
 Nature plays the same session twice, with and without the effect, and under the same noise, so
 that the difference of the dwells' mean counts is what the effect does, all its nonlinear shape
-included. It is whitened, and the poses' coordinates and the plain model's parameters take
-what they can, as they would in a fit.
+included. The plain model is fitted to readings that are changed by it and by nothing else: poses
+and parameters take what they can, and the whitened residual is the trace.
 
 Rounding to whole counts leaves a little noise in the difference. It is independent from one
-draw of the noise to another, so lengths are taken between different draws: without bias.
+draw of the noise to another, so lengths are taken between two halves of the draws: without bias.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,31 +22,33 @@ from recordings.reader import read_recording
 from recordings.rig import Rig
 from sim_devices.plant.creation import make_nature
 from sim_devices.plant.effects.lag import Lag
+from sim_devices.plant.errors import BadEffect
 from sim_devices.plant.nature import Nature
 from sim_devices.plant.session import Played, plan_of, play
 from sim_devices.plant.stop import Stop
 from sim_devices.simulate import EPOCH_NS, simulate
-from solver.estimate.nuisance import eliminated
+from solver.estimate.nuisance import settle
 from solver.gap.analysis import first_fit
 from solver.gap.candidates import candidates
-from solver.gap.fit import Fit
+from solver.gap.fit import Fit, refit
 from solver.gap.score import forms
 from solver.motion import with_motion
 from solver.samples import PoseTable, average
 
 Array = NDArray[np.float64]
 
-_DRAWS = 6
+_DRAWS = 8
+_WATCHED_S = 0.1  # after the start: the mechanism stands until its first move
 
 
 @dataclass(frozen=True)
 class Trace:
-    """What an effect adds to the whitened residual, in M equations and several draws of noise.
+    """What an effect adds to the whitened residual, in M equations and two halves of the draws.
 
     Attributes:
         fit: the plain model at the session that shows it.
-        full: (M, draws) with the poses' coordinates following.
-        left: (M, draws) what the plain model's parameters cannot take.
+        full: (M, 2) with the poses' coordinates following.
+        left: (M, 2) what the plain model's parameters cannot take.
     """
 
     fit: Fit
@@ -68,15 +70,24 @@ class Trace:
         return _squared(self.left - basis @ (basis.T @ self.left))
 
 
-def _projected(fit: Fit, changed: Array) -> Trace:
-    """Of what changes readings by ``changed`` (P, C, draws) [counts]."""
-    here = fit.model.linearise(
-        fit.settled.coordinates, fit.parameters, np.zeros((len(fit.parameters), 0)), fit.observed.at
-    )
-    poses, _, draws = changed.shape
-    still = np.zeros((poses, here.closure.shape[1], draws))
-    full = -eliminated(here, fit.observed, changed, still)[0].reshape(-1, draws)
-    return Trace(fit, full, full - fit.absorbed @ (fit.absorbed.T @ full))
+def _refitted(fit: Fit, changed: Array) -> Trace:
+    """Of what changes readings by ``changed`` (P, C, draws) [counts].
+
+    Not to first order only: where an effect moves the poses themselves by millimetres, squares of
+    that are more than noise, and the plain model takes those up as well.
+    """
+    predicted = fit.observed.counts - fit.residual * fit.observed.sigma
+    full, left = [], []
+    for draw in range(changed.shape[2]):
+        observed = replace(fit.observed, counts=predicted + changed[:, :, draw])
+        start = fit.settled.coordinates
+        settled = settle(fit.model, observed, start, fit.parameters, fit.space.expansion[:, :0])
+        again = refit(fit.model.site, fit.effects, observed, fit.parameters, settled.coordinates)
+        if again is None:
+            raise BadEffect("the mechanism does not close with the effect")
+        full.append(settled.residual.ravel())
+        left.append(again.residual.ravel())
+    return Trace(fit, np.stack(full, axis=1), np.stack(left, axis=1))
 
 
 def _squared(each: Array) -> float:
@@ -126,7 +137,8 @@ class Bench:
                 half = channel.modulus_counts / 2
                 changed[:, :, c] = (changed[:, :, c] + half) % channel.modulus_counts - half
         rows = _rows(self._table, played.stops)
-        return _projected(self._fit, np.moveaxis(np.nan_to_num(changed[:, rows]), 0, 2))
+        halves = np.nan_to_num(changed[:, rows]).reshape(2, _DRAWS // 2, *self._table.counts.shape)
+        return _refitted(self._fit, np.moveaxis(halves.mean(axis=1), 0, 2))
 
     def _lag(self, where: str, delay: float) -> Trace:
         """Of a channel that is read ``delay`` [s] late: it shows in motion only."""
@@ -137,7 +149,7 @@ class Bench:
         if moving.rate is not None:
             late = -delay * moving.rate[:, c] / self._rig.channels[c].gain.nominal
             changed[:, c] = late[:, None]  # without noise: the two draws are the same
-        return _projected(fit, changed)
+        return _refitted(fit, changed)
 
     def nearest(self, trace: Trace, name: str, where: str) -> tuple[str, float, float | None]:
         """The rival that could best stand in for ``name@where``, by the solver's linear forms.
@@ -160,12 +172,15 @@ class Bench:
 
 
 def _means(nature: Nature, played: Played, seed: int) -> Array:
-    """(draws, stops, C) mean counts of every stop's dwell, NaN where a drive did not get there."""
+    """(draws, 1 + stops, C) mean counts before the first move and in every stop's dwell.
+
+    NaN where a drive did not get there.
+    """
     plan, time_s = plan_of(nature), played.course.time_s
     length = max(int(plan.dwell * plan.sample), 1)
-    begin = np.searchsorted(time_s, [stop.rest_s for stop in played.stops])
+    begin = np.searchsorted(time_s, [_WATCHED_S, *(stop.rest_s for stop in played.stops)])
     inside = np.minimum(begin[:, None] + np.arange(length), len(time_s) - 1)
-    failed = np.array([bool(stop.faults) for stop in played.stops])
+    failed = np.array([False, *(bool(stop.faults) for stop in played.stops)])
     out = np.empty((_DRAWS, len(inside), len(nature.rig.channels)))
     for c, channel in enumerate(nature.rig.channels):
         rng = np.random.default_rng([seed, c])
@@ -179,7 +194,7 @@ def _means(nature: Nature, played: Played, seed: int) -> Array:
 
 
 def _rows(table: PoseTable, stops: Sequence[Stop]) -> NDArray[np.intp]:
-    """(P,) the stop in which each dwell of ``table`` lies."""
+    """(P,) the stop in which each dwell of ``table`` lies, from 1; 0 before the first move."""
     middle = np.array([0.5 * (w.start_ns + w.end_ns) - EPOCH_NS for w in table.windows]) * 1e-9
-    leaves = np.array([stop.leave_s for stop in stops])
-    return np.minimum(np.searchsorted(leaves, middle), len(stops) - 1).astype(np.intp)
+    leaves = np.array([stops[0].start_s, *(stop.leave_s for stop in stops)])
+    return np.minimum(np.searchsorted(leaves, middle), len(stops)).astype(np.intp)
