@@ -53,10 +53,10 @@ def same_poses(windows: Sequence[Window], counts: Array) -> NDArray[np.intp]:
     By the poses' numbers where the recording repeats them; else dwells whose readings differ by
     little of each channel's travel count as one pose.
     """
-    numbers = np.array([hash((w.pose, w.fixture)) for w in windows])
-    _, named = np.unique(numbers, return_inverse=True)
-    if len(np.unique(named)) < len(windows):
-        return named.astype(np.intp)
+    first: dict[tuple[int, str | None], int] = {}
+    named = [first.setdefault((w.pose, w.fixture), len(first)) for w in windows]
+    if len(first) < len(windows):
+        return np.array(named, dtype=np.intp)
     travel = np.maximum(np.ptp(counts, axis=0), 1e-12)
     scaled = counts / travel
     group = np.full(len(counts), -1, dtype=np.intp)

@@ -146,7 +146,14 @@ def test_the_constraints_are_the_programs() -> None:
 
 def test_the_headings_are_those_that_others_link_to() -> None:
     headings = re.findall(r"^# (.*)$", re.sub(r"```.*?```", "", DOC, flags=re.DOTALL), re.MULTILINE)
-    assert headings == ["File formats", "Recordings", "Rig files", "Result files"]
+    assert headings == [
+        "File formats",
+        "Recordings",
+        "Rig files",
+        "Result files",
+        "Gap files",
+        "Correction files",
+    ]
 
 
 def test_the_script_of_another_program_makes_a_recording(tmp_path: Path, rig_toml: str) -> None:
