@@ -13,7 +13,7 @@ import numpy as np
 from recordings.reader import Recording
 from recordings.rig import DescribedEffect
 from solver.drives import held_joints
-from solver.effects.effect import Array, Effect, Site
+from solver.effects.effect import Array, Site
 from solver.effects.needs import require_shown
 from solver.effects.registry import effect_kinds
 from solver.errors import MechanismError, NotEnoughData
@@ -22,7 +22,7 @@ from solver.estimate.nuisance import Observations, settle
 from solver.gap.channels import disagreement
 from solver.gap.fit import Fit, refit
 from solver.gap.floor import Floor, floor, same_poses
-from solver.gap.held_out import held_out
+from solver.gap.held_out import HeldOut, held_out
 from solver.gap.limits import limits
 from solver.gap.raw_codes import censored, defects
 from solver.gap.result import Gap, MissingEffect, Rival, Verdict
@@ -39,6 +39,12 @@ from solver.solve import priors_complete
 _LACK = 0.01  # p of the lack of fit below which a model is not enough
 _STRANGE = 0.01  # the same of patterns of no known effect
 _SHAPE = 0.03  # of what is named: less is but its exact shape
+_GAIN = 2.0  # standard errors of the held-out gain that an answer without a floor needs
+_ABOVE = 3.0  # standard errors by which what is left may exceed the floor
+_UNSUPPORTED = (
+    "Known effects come near ({}), but without revisits only poses that took no part can bear a name out, "
+    "and they do not: too little of their gap closes. Record poses again, to learn the noise floor."
+)
 _STEP = 1e-4  # of a standard error, for the derivative of a size
 
 
@@ -78,23 +84,27 @@ def analyse(
     floors = floor(plain, poses), floor(found.after.fit, poses)
     left = unknown(found.after.fit, rng)
     verdict, reasons = _concluded(found, len(broken), floors, left)
-    named = verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
-    effects = (
-        *(_defect(plain, fit, entry) for entry in broken),
-        *(_missing(found, number) for number in range(len(found.named)) if named),
-    )
-    after = found.after.fit if named else fit
-    variance = max(_variance(floors[1] if named else floors[0], after), 1e-300)
-    added: tuple[Effect, ...] = after.effects[len(fit.effects) :]
+    answered = (Verdict.NAMED, Verdict.AMBIGUOUS)
+    final = found.after.fit if verdict in answered else fit
+    variance = max(_variance(floors[verdict in answered], final), 1e-300)
     gap = held_out(
         plain,
         fit if broken else plain,
-        added,
+        final.effects[len(fit.effects) :],
         poses,
         variance,
         rng,
         lambda share: progress("holding poses out", 0.6 + 0.4 * share),
     )
+    if verdict in answered and floors[0].provisional and not _supported(gap):
+        nearest = ", ".join(n.best.effect.label for n in found.named)
+        verdict, reasons = Verdict.UNKNOWN, (reasons[0], _UNSUPPORTED.format(nearest))
+    named = verdict in answered
+    effects = (
+        *(_defect(plain, fit, entry) for entry in broken),
+        *(_missing(found, number) for number in range(len(found.named)) if named),
+    )
+    after = found.after.fit if named else fit
     noise = float(np.sqrt(variance))
     progress("done", 1.0)
     return Gap(
@@ -116,6 +126,17 @@ def analyse(
         disagreement(after, noise),
         found,
     )
+
+
+def _supported(gap: HeldOut | None) -> bool:
+    """Whether held-out poses bear out what was named, where no noise floor can."""
+    if gap is None:
+        return False
+    gain = gap.each_before - gap.each_after
+    gain = gain[~np.isnan(gain)]
+    error = float(gain.std(ddof=1)) / np.sqrt(len(gain))
+    above = (gap.after**2 - 1.0) / max(2.0 * gap.after * gap.after_error, 1e-300)
+    return bool(gain.mean() > _GAIN * error and above < _ABOVE)
 
 
 def _lags(
@@ -227,7 +248,8 @@ def _concluded(
     reasons = []
     if before.provisional:
         reasons.append(
-            "No pose was visited again, so noise from visit to visit is not known: the verdict is provisional."
+            f"Only {before.revisited} poses were visited again, so noise from visit to visit is hardly known: "
+            "the verdict is provisional."
         )
     if broken:
         reasons.append(

@@ -27,6 +27,7 @@ from solver.gap.trace import codes, traces
 Array = NDArray[np.float64]
 
 _LEAST_NOISE = 1e-9  # of the assumed variance: few poses can be fitted without any misfit
+_NOTHING = 1e-2  # noise units: what leaves less at its plausible size leaves nothing
 _RETAINED = 1e-5  # of a trace's squared length: less is rounding
 _SCALES = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0])  # of the plausible size
 _WEIGHTS = np.array([0.05, 0.1, 0.2, 0.3, 0.2, 0.1, 0.05])
@@ -92,6 +93,9 @@ def forms(fit: Fit, tested: Sequence[Candidate]) -> tuple[Form, ...]:
 
 def _form(effect: Effect, candidate: int, full: Array, projected: Array, whole: bool) -> Form:
     scale = np.linalg.norm(full, axis=0)
+    plausible = np.array([1.0] if whole else [c.plausible for c in effect.coefficients])
+    if np.all(scale * plausible < _NOTHING):
+        return Form(effect, candidate, projected[:, :0], projected, 0.0, whole)
     scale = np.where(scale > 0, scale, 1.0)
     length = np.linalg.norm(projected, axis=0)
     retained = float(np.mean((length / scale) ** 2))

@@ -1,0 +1,30 @@
+"""F tails far out, and evidence that weighs what is plausible."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import f
+
+from solver.gap.score import log_f_tail, log_sum
+
+
+@pytest.mark.parametrize("width", [1, 2, 5, 8])
+@pytest.mark.parametrize("explained", [0.001, 0.05, 0.3, 0.9, 0.99])
+def test_tail_is_that_of_f(width: int, explained: float) -> None:
+    freedoms = 380
+    ratio = explained / width / ((1 - explained) / (freedoms - width))
+    expected = f.logsf(ratio, width, freedoms - width)
+    got = log_f_tail(np.array([explained]), np.array([width]), 1.0, freedoms)[0]
+    assert got == pytest.approx(expected, rel=1e-6, abs=1e-9)
+
+
+def test_tail_orders_what_would_underflow() -> None:
+    explained = 1.0 - np.array([1e-3, 1e-4, 1e-5])
+    got = log_f_tail(explained, np.array([2, 2, 2]), 1.0, 1000)
+    assert np.isfinite(got).all()
+    assert (np.diff(got) < -900).all()
+
+
+def test_log_sum_is_exact_where_exponentials_overflow() -> None:
+    assert log_sum(np.array([1000.0, 1000.0])) == pytest.approx(1000.0 + np.log(2.0))
