@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from rich.table import Table
 from loopcal.console import fail, out
 from loopcal.files import create
 from recordings.reader import read_recording
-from recordings.rig import Rig, load_rig, parameters
+from recordings.rig import Plan, Rig, load_rig, parameters
 from solver.poses.criteria import criterion_named
 from solver.poses.planning import SessionPlan, plan_session
 from solver.poses.prediction import Predicted
@@ -73,6 +74,16 @@ def plan_text(rig: Rig, planned: SessionPlan) -> str:
         f"# Planned for rig '{rig.name}': {plan.poses} poses.",
         *(f"# {line}" for line in _worst(planned)),
         "",
+        *plan_lines(rig, plan, planned.coordinates, planned.coordinate_names),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def plan_lines(
+    rig: Rig, plan: Plan, coordinates: NDArray[np.float64], names: Sequence[str]
+) -> list[str]:
+    """The table ``[plan]``; by hand with the poses ``coordinates`` (N, U) of ``names`` as comments."""
+    lines = [
         "[plan]",
         f'mode = "{plan.mode}"',
         f"sample_hz = {plan.sample:g}",
@@ -101,19 +112,23 @@ def plan_text(rig: Rig, planned: SessionPlan) -> str:
         for key, angle in (("tilt_deg", plan.tilt), ("swivel_deg", plan.swivel)):
             if angle is not None:
                 lines.append(f"{key} = {np.rad2deg(angle):g}")
-        lines += ["", "# Suggested poses, in an order of short moves:", *_suggestions(planned)]
-    return "\n".join(lines) + "\n"
+        lines += [
+            "",
+            "# Suggested poses, in an order of short moves:",
+            *_suggestions(coordinates, names),
+        ]
+    return lines
 
 
-def _suggestions(planned: SessionPlan) -> list[str]:
+def _suggestions(coordinates: NDArray[np.float64], names: Sequence[str]) -> list[str]:
     """A comment a pose: the plate's rotation vector [deg] and shift [mm] from neutral, or the joints."""
     out = []
-    for number, row in enumerate(planned.coordinates[:_SUGGESTED]):
+    for number, row in enumerate(coordinates[:_SUGGESTED]):
         parts = [
             f"{name} {value * 1e3:+.0f} mm"
             if name in ("plate.x", "plate.y", "plate.z")
             else f"{name} {np.rad2deg(value):+.0f} deg"
-            for name, value in zip(planned.coordinate_names, row, strict=True)
+            for name, value in zip(names, row, strict=True)
         ]
         out.append(f"# {number + 1}: {', '.join(parts)}")
     return out
@@ -173,6 +188,8 @@ def _show(planned: SessionPlan) -> None:
             markup=False,
             soft_wrap=True,
         )
+    for words in planned.still:
+        out.print(words, markup=False, soft_wrap=True)
     for words in planned.held:
         out.print(f"no pose determines: {words}", markup=False, soft_wrap=True)
     sizes = Table(

@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 _DRAWS = 40
 _RANGE = (0.1, 0.9)
+_MEMBER = 0.02  # of a held direction of unit length: more poses would not help such a parameter
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Predicted:
         low, high: (n,) the 10 % and 90 % quantiles over draws; the errors themselves where the
             poses are given.
         worst: index of the parameter whose error is largest for its stated uncertainty (or for
-            its plausible error, where none is stated).
+            its plausible error, where none is stated), of those that poses determine.
     """
 
     poses: int
@@ -68,7 +69,7 @@ def predict(
     errors = _errors(space, stops, found, known)
     if errors is None:
         return None
-    return Predicted(poses, errors, errors, errors, _worst(space, errors))
+    return Predicted(poses, errors, errors, errors, _worst(space, errors, found))
 
 
 def predict_by_hand(
@@ -102,7 +103,7 @@ def predict_by_hand(
     low, middle, high = np.quantile(drawn, (_RANGE[0], 0.5, _RANGE[1]), axis=0, method="nearest")
     if not np.isfinite(middle).all():
         return None
-    return Predicted(poses, middle, low, high, _worst(space, middle))
+    return Predicted(poses, middle, low, high, _worst(space, middle, found))
 
 
 def _errors(
@@ -115,5 +116,7 @@ def _errors(
     return np.sqrt(np.diag(covariance_holding(space, jacobian, found)))
 
 
-def _worst(space: ParameterSpace, errors: Array) -> int:
-    return int(np.argmax(errors / prior_width(space)))
+def _worst(space: ParameterSpace, errors: Array, found: Identifiability) -> int:
+    shown = np.abs(found.held).max(axis=1, initial=0.0) < _MEMBER
+    relative = errors / prior_width(space)
+    return int(np.argmax(np.where(shown, relative, -1.0) if shown.any() else relative))

@@ -198,14 +198,15 @@ def _robust(
 
 
 def _convex_part(nodes: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Indices of the nodes in a large convex region around the first that holds no hole."""
+    """Indices of the nodes in a large convex region with the first, home, that holds no hole.
+
+    Home may lie on its edge: a session starts there, whatever the true mechanism is.
+    """
     present = {tuple(node) for node in nodes}
     # One step from the edge is kept: the true mechanism differs from the nominal one.
     around = np.array(np.meshgrid(*[[-1, 0, 1]] * nodes.shape[1])).reshape(nodes.shape[1], -1).T
     core = np.array([all(tuple(node + move) in present for move in around) for node in nodes])
-    if not core[0]:
-        return np.zeros(0, dtype=np.intp)
-    kept = {tuple(node) for node in nodes[core]}
+    kept = {tuple(node) for node in nodes[core]} | {tuple(nodes[0])}
     if nodes.shape[1] == 1:
         low = high = 0
         while (low - 1,) in kept:
@@ -219,11 +220,12 @@ def _convex_part(nodes: NDArray[np.int64]) -> NDArray[np.intp]:
         np.meshgrid(*[np.arange(a, b + 1) for a, b in zip(*span, strict=True)], indexing="ij"), -1
     ).reshape(-1, nodes.shape[1])
     missing = np.array([node for node in box if tuple(node) not in kept])
+    begin = _beginning(nodes, core, kept, around, missing)
+    if begin is None:
+        return best
     for seed in range(4):
         rng = np.random.default_rng(seed)
-        corners = np.array([move for move in around if tuple(move) in kept])
-        if np.linalg.matrix_rank(corners) < nodes.shape[1]:
-            return best
+        corners = begin
         tries = nodes[core][rng.permutation(int(core.sum()))[:_CORNER_TRIES]]
         for node in tries:
             hull = ConvexHull(np.vstack([corners, node]))
@@ -233,6 +235,25 @@ def _convex_part(nodes: NDArray[np.int64]) -> NDArray[np.intp]:
         if len(inside) > len(best):
             best = inside
     return best
+
+
+def _beginning(
+    nodes: NDArray[np.int64],
+    core: NDArray[np.bool_],
+    kept: set[tuple[int, ...]],
+    around: NDArray[np.int64],
+    missing: NDArray[np.int64],
+) -> NDArray[np.int64] | None:
+    """Corners of a small convex region without a hole: home, and what is kept around it or near it."""
+    near = np.flatnonzero(core)
+    for centre in nodes[near[np.argsort(np.linalg.norm(nodes[near], axis=1), kind="stable")]]:
+        block = [tuple(node) for node in centre + around if tuple(node) in kept]
+        corners = np.array([*block, tuple(nodes[0])])
+        if np.linalg.matrix_rank(corners - corners[-1]) < nodes.shape[1]:
+            continue
+        if not len(missing) or not _within(ConvexHull(corners), missing).any():
+            return corners
+    return None
 
 
 def _within(hull: ConvexHull, points: NDArray[np.int64]) -> NDArray[np.bool_]:
