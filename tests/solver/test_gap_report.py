@@ -1,0 +1,105 @@
+"""The report of a gap analysis, and its words, at every kind of answer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from recordings.reader import Recording, read_recording
+from recordings.rig import load_rig, rig_text
+from sim_devices.simulate import simulate
+from solver.gap.analysis import analyse
+from solver.gap.result import Gap, Rival, Verdict
+from solver.report.gap_report import render_gap, write_gap_report
+from solver.report.gap_words import advice, amount, headline, listed, odds, share
+from tests.solver.test_report import Page
+
+
+@pytest.fixture(scope="module")
+def analysed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Gap, Recording]:
+    path = tmp_path_factory.mktemp("gap") / "bent.mcap"
+    hidden = ("nonlinearity@d1=2%",)
+    simulate(load_rig("shoulder"), rig_text("shoulder")[0], path, poses=40, seed=5, hide=hidden)
+    recording = read_recording(path)
+    return analyse(recording), recording
+
+
+def kinds(gap: Gap) -> dict[str, Gap]:
+    """The same analysis, had it ended otherwise."""
+    rival = Rival("eccentricity", "d1", -2.0, 6e-4, 2e-5, "m")
+    ambiguous = replace(gap.effects[0], could_also_be=(rival,))
+    bare = replace(gap, effects=(), after=gap.before, disagreement_after=gap.disagreement_before)
+    return {
+        "named": gap,
+        "ambiguous": replace(gap, verdict=Verdict.AMBIGUOUS, effects=(ambiguous,)),
+        "nothing": replace(bare, verdict=Verdict.NOTHING),
+        "unknown": replace(bare, verdict=Verdict.UNKNOWN),
+        "few": replace(gap, held_out=None, provisional=True),
+    }
+
+
+@pytest.mark.parametrize("kind", ["ambiguous", "unknown"])
+def test_every_answer_has_a_whole_page(analysed: tuple[Gap, Recording], kind: str) -> None:
+    gap, recording = kinds(analysed[0])[kind], analysed[1]
+    page = Page(render_gap(gap, recording=recording))
+    figures = {figure["id"] for figure in page.all("figure")}
+    expected = {"disagreement-before", "pose-maps"}
+    expected |= {"disagreement-after"} if gap.effects else set()
+    expected |= {"held-out"} if gap.held_out is not None else set()
+    assert figures == expected
+    assert ("What is missing" in page.text) == bool(gap.effects)
+    assert headline(gap).replace("-", "−")[:30] in page.text.replace("-", "−")
+    identifiers = [a["id"] for _, a in page.elements if "id" in a]
+    assert len(identifiers) == len(set(identifiers))
+    assert not [a for _, a in page.elements if str(a.get("src", "")).startswith("http")]
+    for each in gap.untested:
+        assert each.reason in page.text
+
+
+def test_a_page_of_few_poses_is_written_the_same_every_time(
+    analysed: tuple[Gap, Recording], tmp_path: Path
+) -> None:
+    gap = replace(kinds(analysed[0])["nothing"], held_out=None, provisional=True)
+    path = tmp_path / "gap.html"
+    write_gap_report(gap, path, recording=analysed[1], next_poses="<next>.toml")
+    html = path.read_text("utf-8")
+    assert "--plan &lt;next&gt;.toml" in html
+    assert "<next>" not in html
+    assert "too few to hold any out" in html
+    assert html == render_gap(gap, recording=analysed[1], next_poses="<next>.toml")
+
+
+def test_the_headline_says_what_where_and_how_big(analysed: tuple[Gap, Recording]) -> None:
+    told = {kind: headline(gap) for kind, gap in kinds(analysed[0]).items()}
+    assert told["named"].startswith("Missing: nonlinearity of d1, 0.")
+    assert told["ambiguous"].endswith("This recording cannot tell it from eccentricity of d1.")
+    assert told["nothing"].startswith("Nothing detectable is missing")
+    assert "none of the effects that are known" in told["unknown"]
+    assert told["few"].endswith("Provisional.")
+
+
+def test_advice_fits_the_answer(analysed: tuple[Gap, Recording]) -> None:
+    told = {kind: " ".join(advice(gap)) for kind, gap in kinds(analysed[0]).items()}
+    assert "--rig-out" in told["named"]
+    assert "tell the rivals apart" in told["ambiguous"]
+    assert "--rig-out" not in told["unknown"] + told["nothing"]
+    assert "visited three times" in told["few"]
+    assert "ten or more distinct ones" in told["few"]
+
+
+def test_numbers_are_written_for_people() -> None:
+    assert amount(5.668e-4, "m", 5.7e-6) == "0.5668 ± 0.0057 mm"
+    assert amount(0.0959, "deg", 0.0012) == "95.9 ± 1.2 mdeg"
+    assert amount(0.0123, "1") == "1.23 %"
+    assert amount(2.0, "bits", 0.5) == "2.00 ± 0.50 bits"
+    assert share(0.99999) == "more than 99.9 %"
+    assert share(1.0004) == "100.0 %"
+    assert listed(map(str, range(10))) == "0, 1, 2, 3, 4, 5, 6, 7 and 2 more"
+
+
+def test_odds_never_grow_as_evidence_falls() -> None:
+    assert odds(-0.2) == "about as likely"
+    assert "1 : 7" in odds(-2.0)
+    assert "less than 1 : 1000" in odds(-50.0)
