@@ -225,7 +225,7 @@ def _convex_part(nodes: NDArray[np.int64]) -> NDArray[np.intp]:
         return best
     for seed in range(4):
         rng = np.random.default_rng(seed)
-        corners = begin
+        corners: Array = begin.astype(np.float64)
         tries = nodes[core][rng.permutation(int(core.sum()))[:_CORNER_TRIES]]
         for node in tries:
             hull = ConvexHull(np.vstack([corners, node]))
