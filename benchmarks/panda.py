@@ -72,8 +72,8 @@ GRID = tuple(
 )
 
 
-def rig_of(choice: Choice, *, distance: bool = True) -> Rig:
-    """The rig from the URDF, with the play as three slides behind the tip."""
+def rig_text_of(choice: Choice, *, distance: bool = True) -> str:
+    """The rig from the URDF, with the play as three slides behind the tip, as a rig file."""
     doubts = Doubts(
         length_m=choice.length_m,
         angle_rad=choice.angle_rad,
@@ -95,7 +95,11 @@ def rig_of(choice: Choice, *, distance: bool = True) -> Rig:
     text = text.replace("[mechanism.tip]\n", slides[0]).replace(
         "[[mechanism.fixture]]", slides[1] + slides[2] + "[[mechanism.fixture]]", 1
     )
-    return parse_rig(text + (DISTANCE if distance else "") + "".join(channels))
+    return text + (DISTANCE if distance else "") + "".join(channels)
+
+
+def rig_of(choice: Choice, *, distance: bool = True) -> Rig:
+    return parse_rig(rig_text_of(choice, distance=distance))
 
 
 def poses(place: str) -> tuple[Array, NDArray[np.intp]]:
