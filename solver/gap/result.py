@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -150,7 +151,7 @@ class Gap:
 def gap_json(gap: Gap, next_poses: str | None = None) -> dict[str, Any]:
     """The answer as plain data; ``next_poses`` is the path of a plan that was written, if one was."""
     held = gap.held_out
-    return {
+    answer = {
         "schema": SCHEMA,
         "verdict": gap.verdict.value,
         "provisional": gap.provisional,
@@ -203,3 +204,13 @@ def gap_json(gap: Gap, next_poses: str | None = None) -> dict[str, Any]:
         ],
         "next_poses": next_poses,
     }
+    return {key: _finite(value) for key, value in answer.items()}
+
+
+def _finite(value: Any) -> Any:
+    """``value`` with None for every number that is not finite, which JSON does not have."""
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

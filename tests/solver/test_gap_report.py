@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from recordings.reader import Recording, read_recording
 from recordings.rig import load_rig, rig_text
 from sim_devices.simulate import simulate
 from solver.gap.analysis import analyse
-from solver.gap.result import Gap, Rival, Verdict
+from solver.gap.result import Gap, Rival, Verdict, gap_json
 from solver.report.gap_report import render_gap, write_gap_report
 from solver.report.gap_words import advice, amount, headline, listed, odds, share
 from tests.solver.test_report import Page
@@ -103,3 +104,11 @@ def test_odds_never_grow_as_evidence_falls() -> None:
     assert odds(-0.2) == "about as likely"
     assert "1 : 7" in odds(-2.0)
     assert "less than 1 : 1000" in odds(-50.0)
+
+
+def test_json_has_null_for_what_is_no_number(analysed: tuple[Gap, Recording]) -> None:
+    gap = analysed[0]
+    endless = replace(gap, limits=(replace(gap.limits[0], size=float("inf")),))
+    answer = json.loads(json.dumps(gap_json(endless, "plan.toml"), allow_nan=False))
+    assert answer["detection_limits"][0]["size"] is None
+    assert answer["next_poses"] == "plan.toml"
