@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from typer.testing import Result
 
+from loopcal.blind import run as running
 from loopcal.blind.answering import answer
 from loopcal.blind.grid import MECHANISMS, STRENGTHS, Case, cases, rig_of, short_cases
 from loopcal.blind.making import make
 from loopcal.blind.page import CONFUSION, CURVES, JSON, PAGE, confusion, write_page
-from loopcal.blind.run import ANSWERS, SEALED, play, read, run
-from loopcal.blind.score import Outcome, Rate, outcomes, scores
+from loopcal.blind.run import ANSWERS, SEALED, read
+from loopcal.blind.score import Outcome, Rate, scores
 from loopcal.blind.strength import Bench
 from recordings.reader import read_recording
 from recordings.rig import parse_rig
@@ -240,23 +241,51 @@ def test_the_confusion_matrix_tells_who_is_taken_for_whom() -> None:
     }
 
 
-def test_a_run_that_was_ended_goes_on_where_it_was(tmp_path: Path) -> None:
-    grid = [case for case in cases(3, runs=1, mechanisms=("shoulder",)) if case.kind == "null"][:2]
-    run(grid[:1], tmp_path, jobs=1)
+def test_a_run_that_was_ended_goes_on_where_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    played: list[str] = []
+
+    def play(case: Case) -> tuple[dict[str, Any], dict[str, Any] | None]:
+        played.append(case.key)
+        left_out = "too weak" if case.kind == "single" else None
+        return {"key": case.key, "left_out": left_out}, None if left_out else {"verdict": "named"}
+
+    monkeypatch.setattr(running, "play", play)
+    grid = sorted(cases(3, runs=1, mechanisms=("shoulder",)), key=lambda case: case.kind)
+    grid = [*grid[:2], *grid[-2:]]
+    running.run(grid[1:3], tmp_path, jobs=1)
     first = (tmp_path / ANSWERS).read_text("utf-8")
     with (tmp_path / SEALED).open("a", encoding="utf-8") as file:
         file.write('{"key": "cut o')
     seen: list[tuple[int, int]] = []
-    run(grid, tmp_path, jobs=1, progress=lambda done, of: seen.append((done, of)))
-    assert seen == [(1, 2), (2, 2)]
+    running.run(grid, tmp_path, jobs=1, progress=lambda done, of: seen.append((done, of)))
+    assert seen == [(2, 4), (3, 4), (4, 4)]
+    assert played == [grid[i].key for i in (1, 2, 0, 3)]
     assert (tmp_path / ANSWERS).read_text("utf-8").startswith(first)
     assert {line["key"] for line in read(tmp_path / SEALED)} == {case.key for case in grid}
-    again, _ = play(grid[0])
-    kept = next(line for line in read(tmp_path / SEALED) if line["key"] == grid[0].key)
-    assert json.loads(json.dumps({**again, "seconds": 0.0})) == {**kept, "seconds": 0.0}
-    found = outcomes(read(tmp_path / SEALED), read(tmp_path / ANSWERS))
-    write_page(found, [], tmp_path)
+    assert len(read(tmp_path / ANSWERS)) == 2
+
+
+def test_a_case_is_the_same_whenever_it_is_played() -> None:
+    case = next(c for c in cases(3, runs=1, mechanisms=("shoulder",), only="null"))
+    (sealed, said), (again, same) = running.play(case), running.play(case)
+    assert {**sealed, "seconds": 0.0} == {**again, "seconds": 0.0}
+    assert said is not None
+    assert same is not None
+    assert {**said, "seconds": 0.0} == {**same, "seconds": 0.0}
+
+
+def test_the_page_shows_scores_baselines_and_pictures(tmp_path: Path) -> None:
+    a, b = "gain-error@d1", "nonlinearity@d1"
+    found = [outcome([hidden(a)], (a,)), outcome([hidden(a)], (b, a)), outcome([], kind="null")]
+    write_page(found, [{"key": "x", "left_out": "too weak"}], tmp_path)
     assert {JSON, PAGE, CONFUSION, CURVES} <= {path.name for path in tmp_path.iterdir()}
+    text = (tmp_path / PAGE).read_text("utf-8")
+    assert "3 cases; 1 more could not be made" in text
+    assert "| bic |" in text
+    document = json.loads((tmp_path / JSON).read_text("utf-8"))
+    assert document["effects"]["gain-error"]["within"] == 2
 
 
 def test_the_command_refuses_what_it_cannot_do(
