@@ -232,7 +232,7 @@ def scores(cases: Sequence[Outcome]) -> tuple[Score, ...]:
         _rate("95 % interval covers the size", [c for c in right if c.covered is not None], lambda c: bool(c.covered), least=0.92, most=0.97),
         _median("held-out gap closed, median, strength 225 and above", closed, least=0.90),
         _median("gap left on held-out poses, median, strength 225 and above", [g["after"] for g in gaps], most=1.1),
-        _median("processor time of an analysis [s], median", [c.answer["seconds"] for c in cases]),
+        _median("seconds of one processor for an analysis, median", [c.answer["seconds"] for c in cases]),
         _rate("analyses that ended in an error", cases, lambda c: c.verdict == "error"),
     )  # fmt: skip
 
