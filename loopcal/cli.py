@@ -338,6 +338,12 @@ def solve(
 @app.command()
 def gap(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A loopcal recording.")],
+    more: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="MORE", help="Further recordings of the same rig, analysed with it."
+        ),
+    ] = None,
     report: Annotated[
         Path | None, typer.Option("--report", metavar="PAGE", help="Write an HTML report.")
     ] = None,
@@ -349,6 +355,18 @@ def gap(
         Path | None,
         typer.Option("--rig-out", metavar="RIG", help="Write the rig with what is missing in it."),
     ] = None,
+    next_plan: Annotated[
+        Path | None,
+        typer.Option(
+            "--next", metavar="PLAN", help="Write a plan of the poses that tell the rivals apart."
+        ),
+    ] = None,
+    next_for: Annotated[
+        str | None,
+        typer.Option(
+            "--next-for", metavar="NAME@WHERE", help="Plan for seeing this effect, if it is there."
+        ),
+    ] = None,
     seed: SeedOption = 1,
 ) -> None:
     """Name what the rig lacks: which effect, where, how big, and how sure that is.
@@ -358,7 +376,16 @@ def gap(
     from loopcal.gap import run_gap
 
     with explained():
-        answered = run_gap(file, seed=seed, json_file=json_file, report=report, rig_out=rig_out)
+        answered = run_gap(
+            file,
+            seed=seed,
+            json_file=json_file,
+            report=report,
+            rig_out=rig_out,
+            more=tuple(more or ()),
+            next_plan=next_plan,
+            next_for=next_for,
+        )
     if not answered:
         raise typer.Exit(1)
 

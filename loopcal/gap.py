@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -18,6 +19,7 @@ from loopcal.solving import write_json
 from recordings.reader import Recording, read_recording
 from solver.gap.analysis import analyse
 from solver.gap.result import Gap, Verdict, gap_json
+from solver.gap.together import together
 from solver.report import gap_words as words
 
 _STYLE = {
@@ -36,24 +38,46 @@ def run_gap(
     json_file: Path | None,
     report: Path | None,
     rig_out: Path | None,
+    more: Sequence[Path] = (),
+    next_plan: Path | None = None,
+    next_for: str | None = None,
 ) -> bool:
-    """Analyse a recording and write what was asked for; whether the answer has a name or needs none."""
-    if rig_out is not None and rig_out.exists():
-        fail(f"'{rig_out}' exists already; choose another name, nothing was overwritten")
-    recording = read_recording(file)
+    """Analyse recordings and write what was asked for; whether the answer has a name or needs none."""
+    for path in (rig_out, next_plan):
+        if path is not None and path.exists():
+            fail(f"'{path}' exists already; choose another name, nothing was overwritten")
+    if next_for is not None and next_plan is None:
+        fail("--next-for says what the next poses are for; say with --next where their plan goes")
+    recording = together([read_recording(each) for each in (file, *more)])
     gap = _analysed(recording, seed)
+    proposal = next_poses = None
+    if next_plan is not None:
+        from loopcal.next_poses import proposed, write_next  # slow to import
+
+        proposal = proposed(gap, next_for)
+        next_poses = None if proposal is None or proposal.plan is None else str(next_plan)
     grown = None if rig_out is None or not gap.effects else grown_rig(recording.rig_toml, gap)
     if json_file == _STANDARD_OUTPUT:
-        json.dump(gap_json(gap), sys.stdout, indent=2, allow_nan=False)
+        json.dump(gap_json(gap, next_poses), sys.stdout, indent=2, allow_nan=False)
         sys.stdout.write("\n")
     elif json_file is not None:
-        write_json(gap_json(gap), json_file)
+        write_json(gap_json(gap, next_poses), json_file)
     if report is not None:
         from solver.report.gap_report import write_gap_report
 
         with err.status("writing the report"):
-            write_gap_report(gap, report, recording=recording, seed=seed)
-    show(gap, err if json_file == _STANDARD_OUTPUT else out)
+            write_gap_report(gap, report, recording=recording, seed=seed, next_poses=next_poses)
+    console = err if json_file == _STANDARD_OUTPUT else out
+    show(gap, console)
+    if proposal is not None and next_plan is not None:
+        write_next(recording.rig, proposal, next_plan, console)
+    elif next_plan is not None:
+        console.print(
+            f"No rivals are left to be told apart, so '{next_plan}' was not written; "
+            "--next-for NAME@WHERE plans for an effect that you suspect.",
+            markup=False,
+            soft_wrap=True,
+        )
     if rig_out is not None:
         create(rig_out, grown if grown is not None else grown_rig(recording.rig_toml, gap))
     return gap.verdict is not Verdict.UNKNOWN

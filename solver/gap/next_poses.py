@@ -157,8 +157,7 @@ def propose(
     best = None
     for reach in reaches(found.after.fit, np.median(table.sigma[: len(table.sigma)], axis=0)):
         sums = tuple(VISITS * s for s in reach.sums(asked.contests))
-        much = [g + _UNENDING * s.mean(axis=0) for g, s in zip(captured, sums, strict=True)]
-        separable = asked.decisive(much) > 1.0
+        separable = _separable(asked, captured, sums, reach)
         merit = asked.worth(separable)
         chosen = _chosen(captured, sums, merit, most) if separable.any() else [0]
         with_them = [g + s[chosen].sum(axis=0) for g, s in zip(captured, sums, strict=True)]
@@ -230,6 +229,21 @@ def _critical(found: Search) -> float:
     """Chi-square of one coefficient at which something beside what is named stands out."""
     log_p = found.after.screen.threshold.critical(MORE)
     return float(ndtri(0.5 * np.exp(log_p))) ** 2
+
+
+def _separable(
+    asked: _Question, captured: Sequence[Array], sums: Sequence[Array], reach: Reach
+) -> NDArray[np.bool_]:
+    """(pairs,) which some number of poses would decide, spread over all that is feasible or at its ends."""
+    u = reach.coordinates
+    ends = np.unique(np.concatenate([u.argmin(axis=0), u.argmax(axis=0)]))
+    found = [
+        asked.decisive(
+            [g + _UNENDING * s[where].mean(axis=0) for g, s in zip(captured, sums, strict=True)]
+        )
+        for where in (slice(None), ends)
+    ]
+    return np.asarray(np.maximum(*found) > 1.0)
 
 
 def _chosen(captured: Sequence[Array], sums: Sequence[Array], merit: Merit, most: int) -> list[int]:

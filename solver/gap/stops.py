@@ -88,6 +88,14 @@ class Reach:
             out.append(np.sum(parts, axis=0) / len(sides))
         return tuple(out)
 
+    def plan(self, chosen: Sequence[int]) -> Plan:
+        """A session at some of the poses, each visited `VISITS` times."""
+        model = self.fit.model
+        rig, x = model.site.rig, self.fit.parameters[: model.named]
+        poses = self.coordinates[list(chosen)]
+        plan = plan_at(rig, _plain(self.fit), self.base, self.drives, poses, len(poses), x)
+        return plan.model_copy(update={"revisit": Revisit(poses=len(poses), visits=VISITS)})
+
     def visited(
         self,
         chosen: Sequence[int],
@@ -96,12 +104,7 @@ class Reach:
         merit: Merit,
     ) -> Visited:
         """The session at the poses ``chosen`` in the order that tells most."""
-        fit = self.fit
-        x = fit.parameters[: fit.model.named]
-        rig = fit.model.site.rig
-        plan = plan_at(
-            rig, _plain(fit), self.base, self.drives, self.coordinates[chosen], len(chosen), x
-        ).model_copy(update={"revisit": Revisit(poses=len(chosen), visits=VISITS)})
+        plan = self.plan(chosen)
         needed = {n for c in contests for e in (c.effect, *c.others) for n in e.needs}
         best: tuple[float, Visited] | None = None
         for seed in range(plan.seed, plan.seed + (_ORDERS if "approach" in needed else 1)):

@@ -260,7 +260,8 @@ def advice(gap: Gap) -> tuple[str, ...]:
     elif gap.verdict is Verdict.AMBIGUOUS:
         out.append(
             "Record poses that tell the rivals apart (a wider range of the channel, another load, another "
-            "direction of approach), and analyse again. Until then `--rig-out RIG` writes the likeliest."
+            "direction of approach), and analyse again: `--next PLAN` plans them, and `loopcal gap FILE MORE` takes "
+            "both recordings together. Until then `--rig-out RIG` writes the likeliest."
         )
     elif gap.verdict is Verdict.UNKNOWN:
         if gap.unknown.patterns and gap.unknown.p < _STRANGE:
