@@ -21,7 +21,8 @@ _HALF_WINDOW_S = 0.15
 _GRID_S = 0.01
 EDGE_S = 0.08  # at either end of a standstill motion may already have begun, below the noise
 _THRESHOLD = 5.0  # standard errors of the difference of two half-window means
-_ALIKE = 4.0  # times white noise: more is motion, not noise
+_FACTORS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
+_PEAKED = 0.3
 _QUANTUM = 0.3  # counts: no channel is believed to be quieter than its quantisation
 
 
@@ -94,13 +95,24 @@ def _still(track: Track, grid: Times, sigma: float) -> NDArray[np.bool_]:
     with np.errstate(divide="ignore", invalid="ignore"):
         difference = (sums[right] - sums[here]) / after - (sums[here] - sums[left]) / before
         error = sigma * np.sqrt(1.0 / before + 1.0 / after)
-    if counted.any():
-        # Noise of neighbouring samples may be alike: then means differ more than white noise says.
-        quiet = np.quantile(np.abs(difference[counted]) / error[counted], 0.25) / 0.3186
-        error = error * np.clip(quiet, 1.0, _ALIKE)
+    error = error * _alike(np.abs(difference[counted]) / error[counted])
     return counted & (
         np.abs(np.where(counted, difference, np.inf)) < _THRESHOLD * np.where(counted, error, 1.0)
     )
+
+
+def _alike(apart: NDArray[np.float64]) -> float:
+    """By how much means differ more than white noise says, since neighbouring samples are alike.
+
+    ``apart`` are differences of neighbouring means in its standard errors, at rest and in motion.
+    Those near zero are at rest; of a normal distribution, two fifths of what lies within 2.5 standard
+    deviations lie within half of one, and of one that is much wider only a fifth.
+    """
+    for factor in _FACTORS:
+        near = np.count_nonzero(apart < 2.5 * factor)
+        if near and np.count_nonzero(apart < 0.5 * factor) > _PEAKED * near:
+            return factor
+    return 1.0
 
 
 def without_edges(windows: Sequence[Window], margin_s: float) -> tuple[Window, ...]:

@@ -19,6 +19,7 @@ from solver.effects.registry import effect_kinds
 from solver.errors import MechanismError, NotEnoughData
 from solver.estimate import likelihood
 from solver.estimate.nuisance import Observations, settle
+from solver.gap.candidates import candidates
 from solver.gap.channels import disagreement
 from solver.gap.fit import Fit, refit
 from solver.gap.floor import Floor, floor, same_poses
@@ -94,6 +95,7 @@ def analyse(
         poses,
         variance,
         rng,
+        found.before.screen.threshold,
         lambda share: progress("holding poses out", 0.6 + 0.4 * share),
     )
     if verdict in answered and floors[0].provisional and not _supported(gap):
@@ -119,7 +121,7 @@ def analyse(
         floors[1] if named else floors[0],
         found.before.screen.p,
         left,
-        limits(found.before),
+        limits(found.after if named else found.before),
         found.before.untestable,
         gap,
         disagreement(plain, noise),
@@ -162,9 +164,9 @@ def _lags(
     )
     if fit is None:
         return False
-    seen = look(fit, rng)
-    standing = seen.screen.significant(MORE)
-    return any(standing[i] for i, c in enumerate(seen.candidates) if "rate" in c.variants[0].needs)
+    tested, hopeless = candidates(fit)
+    moving_only = tuple(c for c in tested if "rate" in c.variants[0].needs)
+    return look(fit, rng, pool=(moving_only, hopeless)).significant(MORE)
 
 
 def _last_coefficients(fit: Fit) -> Array:
@@ -284,8 +286,9 @@ def _concluded(
         reasons.append(
             f"What is left is {100 * remainder:.1f} % of what is named: its exact shape, or a further small effect."
         )
+    nearly = "nearly " if after.p < _LACK else ""
     reasons.append(
-        f"With what is named the fit reaches the noise floor (F = {after.ratio:.2f}, p = {after.p:.2g}), and "
+        f"With what is named the fit {nearly}reaches the noise floor (F = {after.ratio:.2f}, p = {after.p:.2g}), and "
         f"no other candidate stands out (p = {found.after.screen.p:.2g})."
     )
     ambiguous = any(named.rivals for named in found.named)

@@ -18,6 +18,7 @@ from solver.effects.effect import Effect
 from solver.estimate.nuisance import settle
 from solver.gap.candidates import candidates
 from solver.gap.fit import Fit, extended, refit
+from solver.gap.screen import Threshold
 from solver.gap.search import look
 
 Array = NDArray[np.float64]
@@ -58,6 +59,7 @@ def held_out(
     poses: NDArray[np.intp],
     variance: float,
     rng: np.random.Generator,
+    limits: Threshold,
     progress: Callable[[float], None] = lambda share: None,
 ) -> HeldOut | None:
     """The gap of ``fit`` with and without what was found missing.
@@ -69,6 +71,7 @@ def held_out(
         poses: (P,) which pose each dwell visited.
         variance: of the noise, in units of the assumed one.
         rng: deals the poses out.
+        limits: what noise does to the candidates.
         progress: is told the share done.
 
     Returns:
@@ -86,7 +89,7 @@ def held_out(
         sound = base if known is fit else _trained(known, trained)
         if base is None or sound is None:
             continue
-        grown = _grown(sound, named, rng)
+        grown = _grown(sound, named, rng, limits)
         before[tested] = _squares(base, fit, tested, variance)
         after[tested] = _squares(grown, known, tested, variance)
     used = ~(np.isnan(before) | np.isnan(after))
@@ -120,17 +123,16 @@ def _trained(fit: Fit, poses: NDArray[np.intp]) -> Fit | None:
     )
 
 
-def _grown(base: Fit, named: Sequence[Effect], rng: np.random.Generator) -> Fit:
+def _grown(base: Fit, named: Sequence[Effect], rng: np.random.Generator, limits: Threshold) -> Fit:
     """``base`` with as many effects as ``named``, chosen anew by its own poses.
 
     Where the choice falls on an effect that was named, its settings are those that were found in
     all poses: a moment between two held-out dwells cannot be found without them.
     """
-    now, limits, pool = base, None, candidates(base) if named else ((), ())
+    now, pool = base, candidates(base) if named else ((), ())
     settings = {effect.label: effect for effect in named}
     for _ in named:
         seen = look(now, rng, limits, pool)
-        limits = seen.screen.threshold
         evidence = seen.screen.log_evidence
         if not len(evidence) or not np.isfinite(evidence).any():
             break

@@ -29,6 +29,7 @@ MORE = 0.01
 """The same for something beside what is named already: a second name needs more evidence."""
 
 _REAL = 0.3  # of what the linear model promises, at the least
+_UNLIKELY = 7.0  # of log evidence: a rival a thousand times less likely is none
 _NEVER = 100.0  # times the plausible size
 _RIVALS = 8  # candidates that are refitted in full, at most
 _MARGIN = 30.0  # noise units of chi-square by which a rival may explain less and still be refitted
@@ -196,7 +197,15 @@ def search(
 def _named(best: Possible, rivals: Sequence[Possible]) -> Named:
     ordered = sorted(rivals, key=lambda p: -p.log_evidence)
     first = ordered[0] if ordered and best.enough else best
-    return Named(first, tuple(p for p in ordered if p.effect.label != first.effect.label))
+    return Named(
+        first,
+        tuple(
+            p
+            for p in ordered
+            if p.effect.label != first.effect.label
+            and p.log_evidence > first.log_evidence - _UNLIKELY
+        ),
+    )
 
 
 def possible(now: Look, rng: np.random.Generator, progress: Progress, pool: Pool) -> list[Possible]:
