@@ -19,6 +19,7 @@ CONFUSION = "confusion.svg"
 CURVES = "curves.svg"
 
 _NOTHING, _UNKNOWN, _SEVERAL = "nothing", "none of the known", "several"
+_FEW = 20
 _WRONG_PLACE = "wrong place"
 _RETAINED = np.array([0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
 
@@ -99,6 +100,8 @@ def markdown(cases: Sequence[Outcome], left_out: Sequence[dict[str, Any]]) -> st
         span = "" if low is None or high is None else f"{100 * low:.1f}-{100 * high:.1f} %"
         of = "" if score.rate is None else str(score.rate.of)
         met = {None: "", True: "met", False: "**missed**"}[score.met]
+        if met and score.rate is not None and score.rate.of < _FEW:
+            met += ", few cases"
         lines.append(f"| {score.name} | {shown(score)} | {span} | {of} | {wanted(score)} | {met} |")
     lines += ["", "## Simpler methods", ""]
     found = baseline_scores(cases)
