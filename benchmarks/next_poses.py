@@ -47,7 +47,7 @@ CASES = {
     "crosstalk@q6<-q7": "1%",
     "backlash@q5": "0.05",
     "gain-error@q5": "0.1%",
-    "link-geometry@joint5.s": "5e-4",
+    "link-geometry@joint3.s": "5e-4",
     "eccentricity@q2": "0.1",
 }
 """Effects with a size from which the one of the wanted strength is found."""
@@ -105,7 +105,10 @@ def _searched(sessions: Sequence[Recording]) -> Search:
 
 
 def _strength(seen: Look, label: str) -> float:
-    number = next(i for i, c in enumerate(seen.candidates) if c.label == label)
+    labels = [c.label for c in seen.candidates]
+    if label not in labels:
+        raise SystemExit(f"'{label}' cannot be looked for in the first session; take it out")
+    number = labels.index(label)
     noise = max((seen.fit.rss - seen.statistic(number)) / max(seen.fit.freedoms - 1, 1), 1e-12)
     return seen.statistic(number) / noise
 
