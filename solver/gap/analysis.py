@@ -14,6 +14,7 @@ from recordings.reader import Recording
 from recordings.rig import DescribedEffect
 from solver.drives import held_joints
 from solver.effects.effect import Array, Site
+from solver.effects.link_geometry import LinkGeometry, twins
 from solver.effects.needs import require_shown
 from solver.effects.registry import effect_kinds
 from solver.errors import MechanismError, NotEnoughData
@@ -21,13 +22,14 @@ from solver.estimate import likelihood
 from solver.estimate.nuisance import Observations, settle
 from solver.gap.candidates import candidates
 from solver.gap.channels import disagreement
-from solver.gap.fit import Fit, refit
+from solver.gap.fit import Fit, refit, without
 from solver.gap.floor import Floor, floor, same_poses
 from solver.gap.held_out import HeldOut, held_out
 from solver.gap.limits import limits
 from solver.gap.raw_codes import censored, defects
 from solver.gap.result import Gap, MissingEffect, Rival, Verdict
 from solver.gap.search import LEVEL, MORE, Named, Possible, Search, look, search
+from solver.gap.trace import traces
 from solver.gap.unknown import Unknown, unknown
 from solver.mechanism.circumstances import Circumstances
 from solver.mechanism.model import mechanism_model
@@ -46,6 +48,7 @@ _UNSUPPORTED = (
     "Known effects come near ({}), but without revisits only poses that took no part can bear a name out, "
     "and they do not: too little of their gap closes. Record poses again, to learn the noise floor."
 )
+_ROUNDING = 12.0**-0.5  # counts
 _STEP = 1e-4  # of a standard error, for the derivative of a size
 
 
@@ -106,6 +109,8 @@ def analyse(
         *(_defect(plain, fit, entry) for entry in broken),
         *(_missing(found, number) for number in range(len(found.named)) if named),
     )
+    if verdict is Verdict.NAMED and any(effect.could_also_be for effect in effects):
+        verdict = Verdict.AMBIGUOUS
     after = found.after.fit if named else fit
     noise = float(np.sqrt(variance))
     progress("done", 1.0)
@@ -327,7 +332,9 @@ def _defect(plain: Fit, fit: Fit, entry: DescribedEffect) -> MissingEffect:
             ]
         ).max(axis=0)
         farthest = int(np.argmax(over))
-        size, error = gain * max(float(over[farthest]), 0.0), float(predicted[farthest])
+        # A rail lies anywhere within the code that it shows.
+        size = float(gain) * max(float(over[farthest]), 0.0)
+        error = float(np.hypot(predicted[farthest], gain * _ROUNDING))
     return MissingEffect(
         effect.name,
         effect.where,
@@ -354,7 +361,11 @@ def _missing(found: Search, number: int) -> MissingEffect:
         size,
         error,
         effect.unit,
-        tuple(_rival(named, rival) for rival in named.rivals),
+        (
+            *_stand_ins(named.best, 0.0),
+            *(_rival(named, rival) for rival in named.rivals),
+            *(twin for rival in named.rivals for twin in _stand_ins(rival, _apart(named, rival))),
+        ),
         named.best.explained,
         named.best.retained,
         effect.entry(fit.coefficients(last).tolist(), fit.standard_errors(last, scale).tolist()),
@@ -364,13 +375,40 @@ def _missing(found: Search, number: int) -> MissingEffect:
 def _rival(named: Named, rival: Possible) -> Rival:
     size, error = _size(rival)
     effect = rival.effect
-    return Rival(
-        effect.name,
-        effect.where,
-        rival.log_evidence - named.best.log_evidence,
-        size,
-        error,
-        effect.unit,
+    return Rival(effect.name, effect.where, _apart(named, rival), size, error, effect.unit)
+
+
+def _apart(named: Named, rival: Possible) -> float:
+    """Log evidence of ``rival`` against what is named."""
+    return rival.log_evidence - named.best.log_evidence
+
+
+def _stand_ins(possible: Possible, apart: float) -> tuple[Rival, ...]:
+    """Parameters that no reading tells from the one of ``possible``, for which it stood in the search."""
+    effect, fit = possible.effect, possible.after.fit
+    if effect.name != LinkGeometry.name:
+        return ()
+    site = fit.model.site
+    others = [LinkGeometry(site, name) for name in twins(site).get(effect.where, ())]
+    if not others:
+        return ()
+    size, error = _size(possible)
+    before = without(fit, len(fit.effects) - 1)
+    if before is None:
+        return ()
+    # What parameters absorb of each need not be alike; what they leave is.
+    mine, *theirs = (before.projected(t)[:, 0] for t in traces(before, [effect, *others]))
+    factors = [float(mine @ their) / max(float(their @ their), 1e-300) for their in theirs]
+    return tuple(
+        Rival(
+            other.name,
+            other.where,
+            apart,
+            size * effect.to_si * factor / other.to_si,
+            error * effect.to_si * abs(factor) / other.to_si,
+            other.unit,
+        )
+        for other, factor in zip(others, factors, strict=True)
     )
 
 

@@ -81,3 +81,13 @@ def test_numbers_of_poses_are_believed(tmp_path: Path) -> None:
     assert len(np.unique(same_poses(table.windows, table.counts))) == 60
     fixtures = tuple(replace(w, fixture=f"f{i % 2}") for i, w in enumerate(table.windows))
     assert len(np.unique(same_poses(fixtures, table.counts))) > 60
+
+
+def test_a_parameter_that_no_reading_tells_from_another_is_told_with_it(tmp_path: Path) -> None:
+    gap, truth = analysed(tmp_path, "arm", 1, "link-geometry@joint5.s=-0.00005")
+    (effect,) = gap.effects
+    (hidden,) = truth.effects
+    assert gap.verdict is Verdict.AMBIGUOUS
+    twin = next(r for r in effect.could_also_be if r.where == "joint5.s")
+    assert (effect.where, twin.log_evidence) == ("joint3.s", 0.0)
+    assert abs(twin.size - hidden.size) < 4.0 * twin.standard_error
