@@ -143,7 +143,7 @@ def show_sensitivity(name: str, source: Path | None, report: Path | None) -> Non
         soft_wrap=True,
     )
     if report is not None:
-        from solver.report import render_sensitivity
+        from solver.report.report import render_sensitivity
 
         create(report, render_sensitivity(rig, found))
         out.print(f"wrote {report}", markup=False)

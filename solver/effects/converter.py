@@ -15,7 +15,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
@@ -35,6 +34,13 @@ def density(z: Array) -> Array:
     return np.asarray(np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi), dtype=np.float64)
 
 
+def below(z: Array) -> Array:
+    """The standard normal distribution function."""
+    from scipy.special import ndtr  # heavy to import: only where it is needed
+
+    return np.asarray(ndtr(z), dtype=np.float64)
+
+
 def expected(mean: Array, sigma: Array, law: Callable[[Codes], Codes]) -> tuple[Array, Array]:
     """(P,) expected codes behind ``law``, and (P,) their slope with ``mean`` (P,) [counts]."""
     reach = int(np.ceil(_REACH * float(sigma.max()))) + 1
@@ -43,6 +49,6 @@ def expected(mean: Array, sigma: Array, law: Callable[[Codes], Codes]) -> tuple[
     edges = (np.concatenate([codes - 0.5, codes[:, -1:] + 0.5], axis=1) - mean[:, None]) / (
         sigma[:, None]
     )
-    chance = np.diff(ndtr(edges), axis=1)
+    chance = np.diff(below(edges), axis=1)
     rising = -np.diff(density(edges), axis=1) / sigma[:, None]
     return mean + np.sum(change * chance, axis=1), 1.0 + np.sum(change * rising, axis=1)

@@ -10,11 +10,10 @@ from __future__ import annotations
 from typing import Self
 
 import numpy as np
-from scipy.special import ndtr
 
 from recordings.rig import DescribedEffect
 from solver.effects.channel import ChannelEffect
-from solver.effects.converter import density, spread
+from solver.effects.converter import below, density, spread
 from solver.effects.effect import Array, Coded, Coefficient, Recorded, Site
 from solver.effects.stuck_bit import converters
 from solver.errors import MechanismError
@@ -87,7 +86,7 @@ class Saturation(ChannelEffect):
             if side in rails:
                 # A rail alone adds s g(-z), z = sign (y - rail) / s; two rails add up.
                 z = sign * (y - rails[side]) / s
-                beyond = ndtr(-z)
+                beyond = below(-z)
                 mean = mean + sign * s * (density(z) - z * beyond)
                 slope = slope - beyond
                 by.append(beyond)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from solver.estimate.correlation import Correlation
 from solver.estimate.robust import DOWNWEIGHTED, Loss
@@ -88,7 +87,10 @@ class Estimate:
         """
         if self.freedoms < 1 or not np.isfinite(self.misfit):
             return 1.0
-        limit = chi2.ppf(_SIGNIFICANT, self.freedoms) / self.freedoms
+        from scipy.special import gammaincinv  # heavy to import: only where it is needed
+
+        # A quantile of chi-squared of f freedoms is twice that of the gamma law of shape f / 2.
+        limit = 2.0 * gammaincinv(self.freedoms / 2, _SIGNIFICANT) / self.freedoms
         return float(np.sqrt(self.misfit)) if self.misfit > limit else 1.0
 
     @property

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
 from recordings.rig import Parameter, PlatformMechanism, Rig
 from solver.mechanism.space import ParameterSpace
@@ -139,10 +138,13 @@ def _large(direction: Array) -> NDArray[np.bool_]:
 def _sparse(null: Array) -> Iterator[Array]:
     """For each parameter that the null space moves, the direction of least 1-norm that moves it."""
     count, size = null.shape
-    for i in np.flatnonzero(np.linalg.norm(null, axis=1) > _MEMBER):
-        if size == 1:
-            yield null[:, 0] / null[i, 0]
-            return
+    moved = np.flatnonzero(np.linalg.norm(null, axis=1) > _MEMBER)
+    if size < 2:
+        yield from (null[:, 0] / null[i, 0] for i in moved[:1])
+        return
+    from scipy.optimize import linprog  # heavy to import: only where it is needed
+
+    for i in moved:
         # Variables: weights c of the basis, and bounds t on |null @ c|.
         solved = linprog(
             np.concatenate([np.zeros(size), np.ones(count)]),

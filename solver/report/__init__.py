@@ -1,6 +1,4 @@
-"""What a person gets from a solve: the HTML report, and a summary for the terminal."""
+"""What a person gets from a solve: the HTML report, and a summary for the terminal.
 
-from solver.report.report import ReportError, render, render_sensitivity, write_report
-from solver.report.summary import Summary, summary
-
-__all__ = ["ReportError", "Summary", "render", "render_sensitivity", "summary", "write_report"]
+Imports nothing by itself: what only words a number (`notation`) does not pay for pictures.
+"""

@@ -14,7 +14,7 @@ from recordings.events import Fault, LedgerEntry
 from recordings.reader import Recording
 from recordings.session import Session
 from solver.estimate.trust_region import Status
-from solver.report import ReportError, render, write_report
+from solver.report.report import ReportError, render, write_report
 from tests.solver.synthetic import solution, truth_shown
 
 _VOID = {"meta", "br", "path", "use", "rect", "line", "circle", "polygon"}

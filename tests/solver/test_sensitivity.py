@@ -18,8 +18,8 @@ from solver.mechanism.model import model_of
 from solver.mechanism.rotation import logarithm
 from solver.mechanism.space import ParameterSpace
 from solver.poses.wander import wander
-from solver.report import render_sensitivity
 from solver.report.pictures.sensitivity import sensitivity_picture
+from solver.report.report import render_sensitivity
 from solver.sensitivity import Sensitivity, generic_sensitivity, sensitivity
 
 
