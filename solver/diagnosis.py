@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.rig import Rig, SerialMechanism
+from solver.coincidence import coaxial_joints, coincident_fixtures, contradicted_distances
 from solver.estimate.estimate import Estimate
 from solver.estimate.identifiability import plausible_error
 from solver.estimate.nuisance import Observations, Settled
@@ -89,6 +90,11 @@ def diagnose(
         rank: directions that the poses determine.
     """
     status = estimate.status
+    broken = contradicted_distances(rig, estimate.parameters)
+    if status is Status.CONVERGED and broken:
+        status = Status.UNEXPLAINED
+    doubled = (*coincident_fixtures(rig), *coaxial_joints(rig))
+    twice = (*broken, *(c.text[:1].upper() + c.text[1:] for c in doubled if c.sure))
     stands = _stands(rig, model, still_channels(table), settled.coordinates[poses], estimate)
     found: list[Finding] = []
     if rank == 0:
@@ -111,12 +117,14 @@ def diagnose(
     told_already = (Status.CONVERGED, Status.OUTLYING, Status.UNDETERMINED, Status.FAR_FROM_NOMINAL)
     if status not in told_already:
         observed = Observations(table.counts, table.sigma).take(poses)
-        named = stands or suspects(rig, model, observed, estimate.space.nominal)
+        named = (*stands, *twice) or suspects(rig, model, observed, estimate.space.nominal)
         share = _unexplained(rig, table, settled, poses, estimate.parameters)
         text = f"What the mechanism leaves unexplained is {100 * share:.3g} % of the motion. "
         found.append(Finding("unexplained", "bad", text + " ".join(named or (_UNKNOWN,))))
     elif stands:
         found += [Finding("no-motion", "caution", text) for text in stands]
+    if status in told_already:
+        found += [Finding("coincidence", "caution", text) for text in twice]
     if status is Status.CONVERGED:
         found += _beyond_limits(rig, model, settled.coordinates[poses]) + _correlated(estimate)
     return Diagnosis(status, tuple(found))

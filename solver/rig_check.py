@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.rig import Rig, SerialMechanism, parameters
+from solver.coincidence import coaxial_joints, coincident_fixtures
 from solver.effects.needs import generic
 from solver.errors import MechanismError
 from solver.estimate.identifiability import Identifiability, identifiability
@@ -60,10 +61,14 @@ def check_rig(rig: Rig) -> RigCheck:
     remarks: list[str] = []
     if not space.names:
         mistakes.append("nothing is identified: set identify = true on the parameters to estimate")
+    for twice in (*coaxial_joints(rig), *coincident_fixtures(rig)):
+        (mistakes if twice.sure or twice.contradicted else remarks).append(twice.text)
     try:
         home = assembled(rig, model, space.nominal)
     except MechanismError as error:
-        return RigCheck(0, 0, sensed, unsensed, space.names, None, (*mistakes, str(error)), ())
+        return RigCheck(
+            0, 0, sensed, unsensed, space.names, None, (*mistakes, str(error)), tuple(remarks)
+        )
     poses = wander(rig, model, space.nominal, _SAMPLED, seed=0)
     mobility = model.mobility(poses, space.nominal)
     redundancy = len(rig.channels) - mobility

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from recordings.reader import Recording
 from recordings.rig import Rig, parameters
 from solver.closure import ClosureErrors, closure_errors
+from solver.coincidence import coaxial_joints, coincident_fixtures
 from solver.diagnosis import Finding, diagnose, still_channels
 from solver.drives import held_joints
 from solver.effects.needs import loaded, needs, require_shown
@@ -280,7 +281,10 @@ def _judged(
 
 
 def _does_not_close(rig: Rig, model: Model, observed: Observations, nominal: Array) -> str:
-    told = suspects(rig, model, observed, nominal) or (
+    twice = (*coaxial_joints(rig), *coincident_fixtures(rig))
+    told = tuple(c.text for c in twice if c.sure or c.contradicted)
+    told = told or suspects(rig, model, observed, nominal)
+    told = told or (
         "Check lengths, angles, the signs of gains and the order of the channels; `loopcal rig check` shows the mechanism.",
     )
     return (
