@@ -84,7 +84,8 @@ def floor(fit: Fit, poses: NDArray[np.intp]) -> Floor:
     if free == 0:
         ratio = fit.rss / max(fit.freedoms, 1)
         return Floor(1.0, 0, 0, ratio, float(chi2.sf(fit.rss, max(fit.freedoms, 1))))
-    variance = pure / free
+    # Noise from visit to visit comes on top of that within dwells, which is well known.
+    variance = max(pure / free, 1.0)
     if rest <= 0:
         return Floor(variance, free, int(np.sum(count > 1)), 1.0, 1.0)
     ratio = max(fit.rss - pure, 0.0) / rest / variance

@@ -10,7 +10,7 @@ from solver.gap.score import log_f_tail, log_sum
 
 
 @pytest.mark.parametrize("width", [1, 2, 5, 8])
-@pytest.mark.parametrize("explained", [0.001, 0.05, 0.3, 0.9, 0.99])
+@pytest.mark.parametrize("explained", [0.001, 0.05, 0.3, 0.7, 0.9])
 def test_tail_is_that_of_f(width: int, explained: float) -> None:
     freedoms = 380
     ratio = explained / width / ((1 - explained) / (freedoms - width))
