@@ -79,7 +79,8 @@ def analyse(
     found = search(fit, rng, lambda text: progress(text, 0.3), level=level)
     # Only motion shows a lag: readings in motion are added, and kept where one stands out.
     moving, _ = with_motion(recording, table)
-    if len(moving.counts) > len(table.counts) and _lags(recording, moving, broken, found, rng):
+    moves, kinds = len(moving.counts) > len(table.counts), effect_kinds()
+    if moves and _lags(recording, moving, broken, found, rng):
         table = moving
         plain = first_fit(recording, table)
         fit = first_fit(recording, table, broken) if broken else plain
@@ -127,7 +128,7 @@ def analyse(
         found.before.screen.p,
         left,
         limits(found.after if named else found.before),
-        found.before.untestable,
+        tuple(u for u in found.before.untestable if not moves or "rate" not in kinds[u.name].needs),
         gap,
         disagreement(plain, noise),
         disagreement(after, noise),
