@@ -20,6 +20,7 @@ from solver.mechanism.chain import Chain
 from solver.mechanism.links import pose_motions
 from solver.mechanism.rotation import logarithm
 from solver.mechanism.serial import SerialModel
+from solver.mechanism.tracker import without_trackers
 
 Array = NDArray[np.float64]
 
@@ -59,7 +60,8 @@ def coaxial_joints(rig: Rig) -> tuple[Coincidence, ...]:
     """
     if not isinstance(rig.mechanism, SerialMechanism):
         return ()
-    model, table = SerialModel.of(rig), parameters(rig)
+    table = parameters(rig)
+    model = SerialModel.of(without_trackers(rig), table)
     x = np.array([p.nominal for p in table])
     sigma = np.array([p.uncertainty or 0.0 for p in table])
     unknown = np.array([p.identify and p.uncertainty is None for p in table])
