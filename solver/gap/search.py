@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver.effects.effect import Array, Effect
+from solver.effects.effect import Effect
 from solver.gap.candidates import Candidate, Untestable, candidates
 from solver.gap.fit import Fit, extended, without
 from solver.gap.score import Form, forms
@@ -325,10 +325,3 @@ def _only_shape(now: Look, largest: float) -> bool:
         return False
     left = now.fit.rss / max(now.fit.freedoms, 1)
     return all(now.statistic(i) / left < _SHAPE * largest for i in standing)
-
-
-def coefficients_at(search: Search, number: int) -> tuple[Array, Array]:
-    """(k,) coefficients and standard errors of an effect in the final model."""
-    fit = search.after.fit
-    scale = float(np.sqrt(fit.rss / max(fit.freedoms, 1)))
-    return fit.coefficients(number), fit.standard_errors(number, scale)
