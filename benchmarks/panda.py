@@ -72,7 +72,9 @@ GRID = tuple(
 )
 
 
-def rig_text_of(choice: Choice, *, distance: bool = True) -> str:
+def rig_text_of(
+    choice: Choice, *, distance: bool = True, fixtures: tuple[str, ...] = ("hole_0", "hole_1")
+) -> str:
     """The rig from the URDF, with the play as three slides behind the tip, as a rig file."""
     doubts = Doubts(
         length_m=choice.length_m,
@@ -81,7 +83,7 @@ def rig_text_of(choice: Choice, *, distance: bool = True) -> str:
         noise_rad=choice.noise_rad,
     )
     urdf = (DATA / "panda.urdf").read_text("utf-8")
-    text = rig_from_urdf(urdf, "ball_link", "ball", fixtures=("hole_0", "hole_1"), doubts=doubts)
+    text = rig_from_urdf(urdf, "ball_link", "ball", fixtures=fixtures, doubts=doubts)
     slides = [
         f'[[mechanism.joint]]\nname = "play_{axis}"\ntype = "prismatic"\nconvention = "urdf"\naxis = "{axis}"\n'
         for axis in "xyz"
