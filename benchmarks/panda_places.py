@@ -79,7 +79,7 @@ def main() -> None:
     every = [(arm, place) for arm, places in ARMS.items() for place in places]
     inside = 0
     shown: dict[str, list[tuple[float, float]]] = {arm: [] for arm in ARMS}
-    console.print(f"{'arm':15}{'left out':14}{'misfit':>8}{'error':>10}{'chi2':>7}   distance [mm]")
+    console.print(f"{'arm':15}{'left out':14}{'misfit':>8}{'error':>10}{'chi2':>7}   distance, mm")
     for arm, place in track(every, "places", transient=True, console=Console(stderr=True)):
         rest = tuple(other for other in ARMS[arm] if other != place)
         found = fit(rest, told=rest)
