@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.rig import Rig
+from recordings.rig import Rig, parameters
 from solver.estimate.nuisance import Observations, assemble, settle
 from solver.mechanism.model import Model
 
@@ -48,7 +48,11 @@ def suspects(rig: Rig, model: Model, observed: Observations, nominal: Array) -> 
     few = Observations(observed.counts[poses], np.tile(1e-3 / gain, (len(poses), 1)))
     before, _ = _unexplained(model, few, nominal)
     tried = sorted(
-        (*_unexplained(model, other, nominal), text) for other, text in _mistakes(rig, few)
+        (*_unexplained(model, other, x), text)
+        for other, x, text in (
+            *((other, nominal, text) for other, text in _misread(rig, few)),
+            *((few, x, text) for x, text in _mismeasured(rig, nominal)),
+        )
     )
     if len(tried) < 2:
         return ()
@@ -69,7 +73,7 @@ def _unexplained(model: Model, observed: Observations, x: Array) -> tuple[float,
     return middle, middle / max(float(np.median(np.linalg.norm(moved, axis=1))), 1e-300)
 
 
-def _mistakes(rig: Rig, observed: Observations) -> Iterator[tuple[Observations, str]]:
+def _misread(rig: Rig, observed: Observations) -> Iterator[tuple[Observations, str]]:
     """Readings with one mistake undone, and what that mistake is."""
     zero = np.array([float(channel.zero_count) for channel in rig.channels])
     every = np.arange(len(rig.channels))
@@ -97,3 +101,32 @@ def _mistakes(rig: Rig, observed: Observations) -> Iterator[tuple[Observations, 
                     swapped,
                     f"Channels {first.name} and {second.name} look exchanged; check the wiring and 'senses'.",
                 )
+
+
+def _mismeasured(rig: Rig, nominal: Array) -> Iterator[tuple[Array, str]]:
+    """Parameters with one mistake in a length undone, and what that mistake is."""
+    table = parameters(rig)
+    channels = {channel.name for channel in rig.channels}
+    lengths = [
+        k
+        for k, p in enumerate(table)
+        if p.dimension == "length" and nominal[k] != 0.0 and p.name.split(".")[0] not in channels
+    ]
+    # A parameter that follows another is wrong with it.
+    each = [
+        [k, *(f for f in lengths if (tie := table[f].tie) and tie.parameter == table[k].name)]
+        for k in lengths
+        if table[k].tie is None
+    ]
+    for factor, is_, looks in (
+        (1000.0, "too small", "m where mm"),
+        (0.001, "too large", "mm where m"),
+    ):
+        for group in (*each, lengths):
+            x = nominal.copy()
+            x[group] *= factor
+            whose = "Every length" if group is lengths else table[group[0]].name
+            yield (
+                x,
+                f"{whose} is {is_} by 1000: it looks like {looks} was meant; correct the rig file.",
+            )

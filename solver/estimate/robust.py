@@ -21,7 +21,7 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc, chdtri
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class Loss(Enum):
         if self is Loss.NONE:
             return np.ones_like(t)
         tuning = 1.345 if self is Loss.HUBER else 2.385
-        c = np.sqrt(chi2.ppf(chi2.cdf(tuning**2, 1), freedoms) / freedoms)
+        c = np.sqrt(chdtri(freedoms, chdtrc(1, tuning**2)) / freedoms)
         if self is Loss.HUBER:
             return np.asarray(np.minimum(1.0, c / np.maximum(t, 1e-300)), dtype=np.float64)
         return np.asarray(1.0 / (1.0 + (t / c) ** 2), dtype=np.float64)
@@ -56,7 +56,7 @@ class Loss(Enum):
         """Mean of w t^2 when there is nothing but noise: what a weighted misfit is divided by."""
         if self is Loss.NONE:
             return 1.0
-        square = chi2.ppf((np.arange(_QUANTILES) + 0.5) / _QUANTILES, freedoms) / freedoms
+        square = chdtri(freedoms, (np.arange(_QUANTILES) + 0.5) / _QUANTILES) / freedoms
         return float(np.mean(self.weight(np.sqrt(square), freedoms) * square))
 
 
@@ -77,7 +77,7 @@ def yardstick(residual: Array, jacobian: Array, used: Array, freedoms: int) -> A
     leverage = np.sum(basis.reshape(poses, channels, -1) ** 2, axis=(1, 2))
     left = np.maximum(freedoms - leverage, 0.05 * freedoms)
     square = np.sum(residual**2, axis=1) / left
-    spread = np.median(square) / (chi2.median(freedoms) / freedoms)
+    spread = np.median(square) / (chdtri(freedoms, 0.5) / freedoms)
     return np.asarray(left * max(float(spread), 1.0))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -80,6 +81,35 @@ def test_unit_of_one_gain() -> None:
     )
     with pytest.raises(MechanismError, match=r"The gain of q1 is too large by 57.3.*deg where rad"):
         solve_table(parse_rig(text, "arm"), pose_table("arm", seed=3))
+
+
+def told(rig: str, table: PoseTable) -> str:
+    """What the solver says of ``table`` with a rig that has a mistake."""
+    try:
+        return bad(solve_table(parse_rig(rig, "rig"), table), "unexplained")
+    except MechanismError as error:
+        return str(error)
+
+
+def test_unit_of_one_length() -> None:
+    rig = rig_text("arm")[0].replace("s_m = 0.355", "s_mm = 0.355", 1)
+    assert "joint3.s is too small by 1000: it looks like m where mm" in told(
+        rig, pose_table("arm", seed=3)
+    )
+
+
+def test_unit_of_a_length_that_another_follows() -> None:
+    rig = rig_text("shoulder")[0].replace(
+        "y_mm = { nominal = 62.4, uncertainty = 0.5", "y_m = { nominal = 62.4, uncertainty = 0.5", 1
+    )
+    assert "A2.y is too large by 1000: it looks like mm where m" in told(
+        rig, pose_table("shoulder", seed=3)
+    )
+
+
+def test_unit_of_every_length() -> None:
+    rig = re.sub(r"(?m)^([xyz])_mm =", r"\1_m =", rig_text("shoulder")[0])
+    assert "Every length is too large by 1000" in told(rig, pose_table("shoulder", seed=3))
 
 
 def test_sign_of_one_gain() -> None:
