@@ -13,7 +13,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import DecodeError, Message
 
 from recordings import events, messages_pb2
-from recordings.events import Event, Mode, ReadingFlag
+from recordings.events import Event, Mode, ReadingFlag, SessionState
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +59,19 @@ KINDS = (
     Kind(events.Dwell, messages_pb2.Dwell, "/session/dwell"),
     Kind(events.Mark, messages_pb2.Mark, "/session/mark"),
     Kind(events.Fault, messages_pb2.Fault, "/session/fault"),
+    Kind(events.StateChange, messages_pb2.StateChange, "/session/state"),
     Kind(events.ClockSample, messages_pb2.ClockSample, "/clock/", subject="source"),
+    Kind(events.RoundTrip, messages_pb2.RoundTrip, "/round_trip/", subject="source"),
     Kind(events.LedgerEntry, messages_pb2.LedgerEntry, "/ledger/", subject="source"),
 )
 """Every kind of event, in the order in which their schemas are registered."""
 
-_TYPES: dict[str, type[Mode] | type[ReadingFlag]] = {"mode": Mode, "flags": ReadingFlag}
+_TYPES: dict[str, type[Mode] | type[ReadingFlag] | type[SessionState]] = {
+    "mode": Mode,
+    "flags": ReadingFlag,
+    "before": SessionState,
+    "after": SessionState,
+}
 _OF_EVENT = {kind.event: kind for kind in KINDS}
 
 

@@ -114,15 +114,61 @@ class Fault:
     text: str
 
 
+class SessionState(IntEnum):
+    """What a session may do; which commands each state allows is written in `daq.states`."""
+
+    IDLE = 1
+    ARMED = 2
+    MOVING = 3
+    RECORDING = 4
+    SAFE = 5
+
+
+@dataclass(frozen=True, slots=True)
+class StateChange:
+    """The session went from one state to another, and why."""
+
+    time_ns: int
+    before: SessionState
+    after: SessionState
+    cause: str
+
+
 @dataclass(frozen=True, slots=True)
 class ClockSample:
-    """Host time minus device time of ``source``, with its standard uncertainty, at one moment."""
+    """What was known at ``time_ns`` of the clock of ``source``, a device.
+
+    Attributes:
+        source: device of the rig.
+        time_ns: when it was estimated.
+        device_time_ns: a moment on the device's clock.
+        offset_ns: host time minus device time then, of a reading that came without waiting:
+            it contains the shortest delay of transport (see `RoundTrip`).
+        uncertainty_ns: its standard uncertainty.
+        drift_ppb: by how much ``offset_ns`` grows [ns per second of the device], or None.
+        drift_uncertainty_ppb: its standard uncertainty, or None.
+    """
 
     source: str
     time_ns: int
     device_time_ns: int
     offset_ns: int
     uncertainty_ns: int
+    drift_ppb: int | None = None
+    drift_uncertainty_ppb: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RoundTrip:
+    """Shortest time from asking ``source`` to its answer, in the second or so before ``time_ns``.
+
+    Its readings were taken between the two, so that at least one of them was at most
+    ``shortest_ns`` old when it arrived.
+    """
+
+    source: str
+    time_ns: int
+    shortest_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,4 +197,15 @@ class LedgerEntry:
         return self.expected - explained
 
 
-Event = Reading | ModeCommand | ModeReport | Dwell | Mark | Fault | ClockSample | LedgerEntry
+Event = (
+    Reading
+    | ModeCommand
+    | ModeReport
+    | Dwell
+    | Mark
+    | Fault
+    | StateChange
+    | ClockSample
+    | RoundTrip
+    | LedgerEntry
+)

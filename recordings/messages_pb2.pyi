@@ -13,12 +13,27 @@ class Mode(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     POSITION: _ClassVar[Mode]
     TORQUE: _ClassVar[Mode]
     FAULT: _ClassVar[Mode]
+
+class SessionState(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    NO_STATE: _ClassVar[SessionState]
+    IDLE: _ClassVar[SessionState]
+    ARMED: _ClassVar[SessionState]
+    MOVING: _ClassVar[SessionState]
+    RECORDING: _ClassVar[SessionState]
+    SAFE: _ClassVar[SessionState]
 UNKNOWN: Mode
 OFF: Mode
 FREE: Mode
 POSITION: Mode
 TORQUE: Mode
 FAULT: Mode
+NO_STATE: SessionState
+IDLE: SessionState
+ARMED: SessionState
+MOVING: SessionState
+RECORDING: SessionState
+SAFE: SessionState
 
 class Reading(_message.Message):
     __slots__ = ("raw", "device_time_ns", "sequence", "flags")
@@ -82,15 +97,35 @@ class Fault(_message.Message):
     text: str
     def __init__(self, source: _Optional[str] = ..., kind: _Optional[str] = ..., text: _Optional[str] = ...) -> None: ...
 
+class StateChange(_message.Message):
+    __slots__ = ("before", "after", "cause")
+    BEFORE_FIELD_NUMBER: _ClassVar[int]
+    AFTER_FIELD_NUMBER: _ClassVar[int]
+    CAUSE_FIELD_NUMBER: _ClassVar[int]
+    before: SessionState
+    after: SessionState
+    cause: str
+    def __init__(self, before: _Optional[_Union[SessionState, str]] = ..., after: _Optional[_Union[SessionState, str]] = ..., cause: _Optional[str] = ...) -> None: ...
+
 class ClockSample(_message.Message):
-    __slots__ = ("device_time_ns", "offset_ns", "uncertainty_ns")
+    __slots__ = ("device_time_ns", "offset_ns", "uncertainty_ns", "drift_ppb", "drift_uncertainty_ppb")
     DEVICE_TIME_NS_FIELD_NUMBER: _ClassVar[int]
     OFFSET_NS_FIELD_NUMBER: _ClassVar[int]
     UNCERTAINTY_NS_FIELD_NUMBER: _ClassVar[int]
+    DRIFT_PPB_FIELD_NUMBER: _ClassVar[int]
+    DRIFT_UNCERTAINTY_PPB_FIELD_NUMBER: _ClassVar[int]
     device_time_ns: int
     offset_ns: int
     uncertainty_ns: int
-    def __init__(self, device_time_ns: _Optional[int] = ..., offset_ns: _Optional[int] = ..., uncertainty_ns: _Optional[int] = ...) -> None: ...
+    drift_ppb: int
+    drift_uncertainty_ppb: int
+    def __init__(self, device_time_ns: _Optional[int] = ..., offset_ns: _Optional[int] = ..., uncertainty_ns: _Optional[int] = ..., drift_ppb: _Optional[int] = ..., drift_uncertainty_ppb: _Optional[int] = ...) -> None: ...
+
+class RoundTrip(_message.Message):
+    __slots__ = ("shortest_ns",)
+    SHORTEST_NS_FIELD_NUMBER: _ClassVar[int]
+    shortest_ns: int
+    def __init__(self, shortest_ns: _Optional[int] = ...) -> None: ...
 
 class LedgerEntry(_message.Message):
     __slots__ = ("expected", "received", "dropped_by_device", "dropped_by_host", "lost_in_gaps", "gaps")

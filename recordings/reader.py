@@ -23,6 +23,8 @@ from recordings.events import (
     Mark,
     ModeCommand,
     ModeReport,
+    RoundTrip,
+    StateChange,
 )
 from recordings.recording import Readings, Recording
 from recordings.records import Malformed
@@ -151,6 +153,8 @@ class _Contents:
             clock=self._events(ClockSample),
             ledger={entry.source: entry for entry in self._events(LedgerEntry)},
             damage=damage,
+            states=self._events(StateChange),
+            round_trips=self._events(RoundTrip),
         )
 
     def _events(self, kind: type[_E]) -> tuple[_E, ...]:

@@ -17,6 +17,8 @@ from recordings.events import (
     Mark,
     ModeCommand,
     ModeReport,
+    RoundTrip,
+    StateChange,
 )
 from recordings.rig import Rig
 from recordings.session import Session
@@ -56,7 +58,7 @@ class Recording:
         rig_toml: that description's text, as it was attached.
         session: who recorded it, when and with what.
         readings: readings of every channel of the rig, in the rig's order; may be empty.
-        dwells, marks, faults, mode_commands, mode_reports, clock: events.
+        dwells, marks, faults, mode_commands, mode_reports, clock, states, round_trips: events.
         ledger: last entry of each source.
         damage: what is wrong with the file, a line each; empty for a whole file.
         session_starts_ns: when each session began, where several were joined into one recording;
@@ -77,3 +79,5 @@ class Recording:
     ledger: Mapping[str, LedgerEntry]
     damage: tuple[str, ...] = ()
     session_starts_ns: tuple[int, ...] = ()
+    states: tuple[StateChange, ...] = ()
+    round_trips: tuple[RoundTrip, ...] = ()

@@ -18,6 +18,9 @@ from recordings.events import (
     ModeReport,
     Reading,
     ReadingFlag,
+    RoundTrip,
+    SessionState,
+    StateChange,
 )
 from recordings.session import Session
 from recordings.writer import Writer
@@ -82,8 +85,10 @@ def one_of_each() -> tuple[Event, ...]:
         Dwell(t + 8, t + 2, t + 7, 4, 1, "socket"),
         Mark(t + 8, "a remark — with a dash"),
         Fault(t + 9, "can0", "unplugged", "The adapter is gone."),
-        ClockSample("encoder1", t + 10, 123, t, 1000),
+        StateChange(t + 10, SessionState.MOVING, SessionState.SAFE, "joint1 is too fast"),
+        ClockSample("encoder1", t + 10, 123, t, 1000, -20_000, 15),
         ClockSample("rig/encoder2", t + 11, 0, -1, 0),
+        RoundTrip("encoder1", t + 12, 800_000),
     )
 
 

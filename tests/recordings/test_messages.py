@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from recordings import codec, events, messages_pb2
-from recordings.events import Event, Mode
+from recordings.events import Event, Mode, SessionState
 from recordings.wire import encode_reading, encode_rows
 
 ROOT = Path(messages_pb2.__file__).parent.parent
@@ -49,6 +49,8 @@ def test_there_is_one_message_for_every_event() -> None:
 
 def test_the_modes_are_those_of_the_events() -> None:
     assert dict(messages_pb2.Mode.items()) == {mode.name: mode.value for mode in Mode}
+    states = {state.name: state.value for state in SessionState}
+    assert dict(messages_pb2.SessionState.items()) == {"NO_STATE": 0, **states}
 
 
 def test_every_field_has_presence_and_numbers_have_fixed_width() -> None:

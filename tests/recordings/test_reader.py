@@ -30,11 +30,14 @@ from recordings.events import (
     ModeReport,
     Reading,
     ReadingFlag,
+    RoundTrip,
+    StateChange,
 )
 from recordings.reader import Readings, Recording, read_recording
 from recordings.session import Session
 from recordings.writer import Writer
 
+KINDS = (ModeCommand, ModeReport, Dwell, Mark, Fault, ClockSample, StateChange, RoundTrip)
 TIME = st.integers(0, 2**63 - 1)
 INT64 = st.integers(-(2**63), 2**63 - 1)
 UINT32 = st.integers(0, 2**32 - 1)
@@ -56,6 +59,8 @@ def events_of(recording: Recording) -> Iterator[Event]:
     yield from recording.marks
     yield from recording.faults
     yield from recording.clock
+    yield from recording.states
+    yield from recording.round_trips
 
 
 def assert_holds(found: Readings, expected: list[Reading]) -> None:
@@ -101,7 +106,7 @@ def test_events_rig_and_session_come_back(
     assert list(events_of(recording)) == sorted(
         (event for event in one_of_each if not isinstance(event, Reading)),
         key=lambda event: (
-            (ModeCommand, ModeReport, Dwell, Mark, Fault, ClockSample).index(type(event)),
+            KINDS.index(type(event)),
             event.time_ns,
         ),
     )
