@@ -1,7 +1,7 @@
 """The rig description: one TOML file that says what the mechanism is and what reads it."""
 
 from recordings.rig.effect import DescribedEffect
-from recordings.rig.instruments import CanPort, Channel, Device, SerialPort
+from recordings.rig.instruments import CanPort, Channel, Device, SerialPort, TcpPort
 from recordings.rig.mechanism import (
     FREEDOMS,
     POSE,
@@ -38,6 +38,7 @@ __all__ = [
     "Rig",
     "SerialMechanism",
     "SerialPort",
+    "TcpPort",
     "Tracker",
     "Visit",
     "bundled_rigs",

@@ -15,15 +15,23 @@ from recordings.rig.quantity import COORDINATE, GAIN, LENGTH, Described, Quantit
 Count = Annotated[int, Field(ge=-(2**53), le=2**53)]
 """A raw count: an integer that a double holds exactly."""
 
+LARGEST_PORT_NUMBER = 65_535
+
 
 class CanPort(Described):
-    """A CAN bus, through any interface that python-can knows (slcan, socketcan, virtual, ...)."""
+    """A CAN bus, through any interface that python-can knows (slcan, socketcan, virtual, ...).
+
+    ``listen_only`` forbids every transmission; ``adapter_time`` takes the adapter's time stamps
+    as device time of the readings whose own device has none.
+    """
 
     kind: Literal["can"]
     name: str
     interface: str
     channel: str
     bitrate: int = 1_000_000
+    listen_only: bool = False
+    adapter_time: bool = False
     options: dict[str, Any] = Field(default_factory=dict)
 
 
@@ -38,13 +46,43 @@ class SerialPort(Described):
     stopbits: int = 1
 
 
+class TcpPort(Described):
+    """A TCP connection to a device or gateway, which is the server: ``HOST:PORT``."""
+
+    kind: Literal["tcp"]
+    name: str
+    address: str
+
+    @property
+    def host(self) -> str:
+        """Name or address of the server."""
+        return self.address.rpartition(":")[0].strip("[]")
+
+    @property
+    def number(self) -> int:
+        """Port number of the server, 0 to 65,535."""
+        return int(self.address.rpartition(":")[2])
+
+    @model_validator(mode="after")
+    def _address_is_whole(self) -> TcpPort:
+        host, _, number = self.address.rpartition(":")
+        if not host or not number.isdecimal() or int(number) > LARGEST_PORT_NUMBER:
+            raise fail(f"'address' is '{self.address}', expected HOST:PORT, as in \"10.0.0.5:502\"")
+        return self
+
+
 class Device(Described):
-    """One device: the driver that speaks its protocol, the port it is on, that driver's options."""
+    """One device: the driver that speaks its protocol, the port it is on, that driver's options.
+
+    ``file`` names a file that describes the device to its driver, such as a DBC. Its text is
+    the rig's entry of that name in ``files`` (`recordings.rig.files`).
+    """
 
     name: str
     driver: str
     port: str
     joint: str | None = None
+    file: str | None = None
     options: dict[str, Any] = Field(default_factory=dict)
 
 

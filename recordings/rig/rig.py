@@ -16,14 +16,15 @@ from pydantic import Field, ValidationError, model_validator
 
 from recordings.errors import RigError
 from recordings.rig.effect import DescribedEffect
-from recordings.rig.instruments import CanPort, Channel, Device, SerialPort
+from recordings.rig.files import with_files
+from recordings.rig.instruments import CanPort, Channel, Device, SerialPort, TcpPort
 from recordings.rig.mechanism import PlatformMechanism, SerialMechanism
 from recordings.rig.parameters import quantities
 from recordings.rig.plan import Plan
 from recordings.rig.quantity import Described, fail
 from recordings.rig.tracker import Tracker
 
-Port = Annotated[CanPort | SerialPort, Field(discriminator="kind")]
+Port = Annotated[CanPort | SerialPort | TcpPort, Field(discriminator="kind")]
 Mechanism = Annotated[SerialMechanism | PlatformMechanism, Field(discriminator="family")]
 
 
@@ -51,6 +52,7 @@ class Rig(Described):
     ports: tuple[Port, ...] = Field(alias="port", default=())
     trackers: tuple[Tracker, ...] = Field(alias="tracker", default=())
     effects: tuple[DescribedEffect, ...] = Field(alias="effect", default=())
+    files: dict[str, str] = Field(default_factory=dict)
     plan: Plan | None = None
     gravity: tuple[float, float, float] | None = None
 
@@ -129,6 +131,10 @@ class Rig(Described):
             )
             if device.joint is not None:
                 _known(f"device '{device.name}' moves the joint", device.joint, places)
+            if device.file is not None:
+                _known(
+                    f"device '{device.name}' is described by the file", device.file, [*self.files]
+                )
         if self.plan is not None:
             driven = [d.joint for d in self.devices if d.joint is not None]
             for name in self.plan.drives:
@@ -213,7 +219,7 @@ def _where(loc: tuple[int | str, ...], table: Any) -> str:
         elif isinstance(table, dict) and step in table:
             table = table[step]
             words.append(str(step))
-        elif isinstance(step, str) and step not in ("can", "serial", "platform"):
+        elif isinstance(step, str) and step not in ("can", "serial", "tcp", "platform"):
             words.append(step)
     return f"{', '.join(words)}: " if words else ""
 
@@ -240,7 +246,7 @@ def _what(fault: Any) -> str:
         key = str(context.get("discriminator", "")).strip("'")
         found = fault["input"].get(key) if isinstance(fault["input"], dict) else fault["input"]
         allowed = context.get(
-            "expected_tags", "'can', 'serial'" if key == "kind" else "'serial', 'platform'"
+            "expected_tags", "'can', 'serial', 'tcp'" if key == "kind" else "'serial', 'platform'"
         )
         was = f"missing key '{key}'" if found is None else f"'{key}' is {found!r}"
         return f"{was}, expected one of {allowed}"
@@ -260,8 +266,11 @@ def bundled_rigs() -> tuple[str, ...]:
 def rig_text(rig: str) -> tuple[str, str]:
     """Text of a rig given by path or by bundled name, and what to call it in messages.
 
+    The text holds the files that the rig's devices name, so that it needs no other file.
+
     Raises:
-        RigError: no such file, not readable as UTF-8 text, or no such bundled rig.
+        RigError: no such file, not readable as UTF-8 text, or no such bundled rig; a file that
+            a device names cannot be read.
     """
     if rig in bundled_rigs():
         bundled = resources.files("recordings.rig") / "bundled" / f"{rig}.toml"
@@ -272,7 +281,7 @@ def rig_text(rig: str) -> tuple[str, str]:
             f"there is no rig file '{rig}', and no bundled rig of that name; "
             f"bundled rigs: {', '.join(bundled_rigs())}"
         )
-    return _read(path, "rig file"), str(path)
+    return with_files(_read(path, "rig file"), path), str(path)
 
 
 def _read(path: Path, what: str) -> str:

@@ -16,7 +16,7 @@ import pytest
 import recordings
 from recordings import codec
 from recordings.reader import read_recording
-from recordings.rig import CanPort, Plan, Rig, SerialPort
+from recordings.rig import CanPort, Plan, Rig, SerialPort, TcpPort
 from recordings.rig.instruments import Channel, Device
 from recordings.rig.mechanism import (
     CONSTRAINTS,
@@ -57,6 +57,7 @@ TABLES: dict[type[Described], str] = {
     Marker: "`[[tracker.marker]]`:",
     CanPort: "A CAN bus:",
     SerialPort: "A serial line:",
+    TcpPort: "A TCP connection:",
     Device: "## `[[device]]`",
     Plan: "## `[plan]`",
     Revisit: "`revisit`:",
@@ -131,7 +132,10 @@ def test_plain_defaults_are_the_programs(model: type[Described]) -> None:
         for field_name, field in model.model_fields.items():
             if name in (field_name, field.alias) and isinstance(field.default, int | str | float):
                 shown = row[2].strip("`").strip('"')
-                assert shown == str(field.default), name
+                default = str(field.default)
+                assert shown == (default.lower() if isinstance(field.default, bool) else default), (
+                    name
+                )
             unit = name.removeprefix(f"{field_name}_")
             if unit in model.quantities.get(field_name, ()) and isinstance(field.default, float):
                 assert float(row[2].split()[0]) == field.default, name
