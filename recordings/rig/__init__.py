@@ -2,6 +2,7 @@
 
 from recordings.rig.effect import DescribedEffect
 from recordings.rig.instruments import CanPort, Channel, Device, SerialPort, TcpPort
+from recordings.rig.interlocks import Interlocks, JointInterlock, Together
 from recordings.rig.mechanism import (
     FREEDOMS,
     POSE,
@@ -27,7 +28,9 @@ __all__ = [
     "Device",
     "Distance",
     "Fixture",
+    "Interlocks",
     "Joint",
+    "JointInterlock",
     "Leg",
     "Marker",
     "Parameter",
@@ -39,6 +42,7 @@ __all__ = [
     "SerialMechanism",
     "SerialPort",
     "TcpPort",
+    "Together",
     "Tracker",
     "Visit",
     "bundled_rigs",

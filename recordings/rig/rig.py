@@ -18,6 +18,7 @@ from recordings.errors import RigError
 from recordings.rig.effect import DescribedEffect
 from recordings.rig.files import with_files
 from recordings.rig.instruments import CanPort, Channel, Device, SerialPort, TcpPort
+from recordings.rig.interlocks import Interlocks
 from recordings.rig.mechanism import PlatformMechanism, SerialMechanism
 from recordings.rig.parameters import quantities
 from recordings.rig.plan import Plan
@@ -54,6 +55,7 @@ class Rig(Described):
     effects: tuple[DescribedEffect, ...] = Field(alias="effect", default=())
     files: dict[str, str] = Field(default_factory=dict)
     plan: Plan | None = None
+    interlocks: Interlocks = Interlocks()
     gravity: tuple[float, float, float] | None = None
 
     def channel(self, name: str) -> Channel:
@@ -143,6 +145,27 @@ class Rig(Described):
                     _known("the plan drives, but no device moves,", name, driven)
                 if self.sensed_by(name) is None:
                     raise fail(f"the plan drives '{name}', which no channel senses")
+        return self
+
+    @model_validator(mode="after")
+    def _interlocks_fit_the_joints(self) -> Rig:
+        places = self.mechanism.places
+        for joint in self.interlocks.joints:
+            _known("the interlocks name", joint.name, places)
+            dimension = self.mechanism.dimension_of(joint.name)
+            if joint.travel is not None and joint.travel.dimension != dimension:
+                raise fail(
+                    f"'travel' of '{joint.name}' in the interlocks is given as {joint.travel.dimension}, "
+                    f"but the joint's variable is of dimension {dimension}"
+                )
+            watched = joint.travel is not None or joint.speed is not None
+            if watched and self.sensed_by(joint.name) is None:
+                raise fail(
+                    f"the interlocks limit travel or speed of '{joint.name}', which no channel senses"
+                )
+        for together in self.interlocks.together:
+            for name in together.joints:
+                _known("'together' of the interlocks names", name, places)
         return self
 
     @model_validator(mode="after")

@@ -18,6 +18,7 @@ from recordings import codec
 from recordings.reader import read_recording
 from recordings.rig import CanPort, Plan, Rig, SerialPort, TcpPort
 from recordings.rig.instruments import Channel, Device
+from recordings.rig.interlocks import Interlocks, JointInterlock, Together
 from recordings.rig.mechanism import (
     CONSTRAINTS,
     Closure,
@@ -61,6 +62,9 @@ TABLES: dict[type[Described], str] = {
     Device: "## `[[device]]`",
     Plan: "## `[plan]`",
     Revisit: "`revisit`:",
+    Interlocks: "## `[interlocks]`",
+    JointInterlock: "`[[interlocks.joint]]`:",
+    Together: "`[[interlocks.together]]`:",
 }
 
 

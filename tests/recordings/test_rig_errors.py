@@ -34,6 +34,42 @@ gain_mm_per_count = 1
 
 # (old text, new text, what the message says); "" as old text appends.
 WRONG = {
+    "interlock of nothing": (
+        "",
+        '\n[interlocks]\njoint = [{ name = "knee" }]\n',
+        "the interlocks name 'knee', expected one of: base",
+    ),
+    "interlock of an unsensed joint": (
+        "",
+        '\n[interlocks]\njoint = [{ name = "slide", speed_m_per_s = 1 }]\n',
+        "limit travel or speed of 'slide', which no channel senses",
+    ),
+    "interlock twice": (
+        "",
+        '\n[interlocks]\njoint = [{ name = "base" }, { name = "base" }]\n',
+        "the interlocks name 'base' twice",
+    ),
+    "interlock in another unit": (
+        "",
+        '\n[interlocks]\njoint = [{ name = "base", travel_m = [0, 1] }]\n',
+        "'travel' of 'base' in the interlocks is given as length",
+    ),
+    "unknown mode": (
+        "",
+        '\n[interlocks]\njoint = [{ name = "base", modes = ["on"] }]\n',
+        "'modes' of 'base' has 'on', expected some of: off, free, position, torque",
+    ),
+    "torque without limit": (
+        "",
+        '\n[interlocks]\njoint = [{ name = "base", modes = ["torque"] }]\n',
+        "'base' may be in mode \"torque\": say its 'torque_percent'",
+    ),
+    "together of one": (
+        "",
+        '\n[interlocks]\ntogether = [{ joints = ["base"], mode = "free", at_most = 1 }]\n',
+        "'together' names base; expected two or more",
+    ),
+    "arming that never holds": ("", "\n[interlocks]\narming_s = 0\n", "'arming_s' is 0.0"),
     "toml": ("[mechanism]", "[mechanism", "not a TOML file: .*line 5"),
     "schema": ("schema = 1", "schema = 2", "schema: found 2, expected 1"),
     "missing key": ('name = "bench"', "", "missing key 'name'"),
