@@ -24,9 +24,9 @@ from drivers.errors import (
     PortDenied,
     PortNotFound,
 )
-from drivers.faults import FaultKind
 from drivers.link import Clock, DeviceStatus, JointDrive, Link, Losses
 from drivers.registry import driver_names, make_links
+from recordings.faults import FaultKind
 
 __all__ = [
     "BadCommand",

@@ -55,6 +55,10 @@ class LinkBroken(DriverError):
     """The port went away while it was open: unplugged, bus off, or the peer hung up."""
 
 
+class BusOff(LinkBroken):
+    """The CAN controller has left the bus after too many errors; it must be started again."""
+
+
 def option_faults(error: ValidationError) -> str:
     """What is wrong with a table of options: each key, what was found, and what is allowed."""
     return "; ".join(

@@ -1,50 +1,38 @@
-"""What links report as faults, and how often they repeat themselves. Pure."""
+"""How often links repeat themselves when they report faults. Pure.
+
+The kinds are those of `recordings.faults.FaultKind`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 
 from drivers.schedule import SECOND
 from recordings.events import Fault
+from recordings.faults import ENDED_BY, FaultKind
 
+__all__ = ["FaultKind", "FaultThrottle"]
 
-class FaultKind(StrEnum):
-    """``Fault.kind`` of everything that a link reports; its source is the port or the device."""
+QUIET_NS = SECOND
+"""How long what repeats must be missing to be over; also the time between two summaries."""
 
-    BROKEN = "broken"
-    """The port went away."""
-    REOPENED = "reopened"
-    """The port is back: the end of BROKEN."""
-    SILENT = "silent"
-    """A device stopped to answer."""
-    REFUSED = "refused"
-    """A device answers that it will not give its readings."""
-    ANSWERING = "answering"
-    """A device answers again: the end of SILENT or REFUSED."""
-    RESTARTED = "restarted"
-    """A device has restarted by itself; a drive is then off."""
-    NOT_STARTED = "not-started"
-    """A device could not be set up again after an interruption; it is tried again."""
-    MALFORMED = "malformed"
-    """Frames or bytes came that make no sense: a bad checksum, a bad length, bad hex."""
-    LATE = "late"
-    """A reply came after its request had been given up; it was discarded."""
-    BUS_ERROR = "bus-error"
-    """The CAN controller reports an error frame."""
-    EMERGENCY = "emergency"
-    """A device reports an error of its own (CANopen EMCY)."""
+_REPEATING = (FaultKind.MALFORMED, FaultKind.LATE, FaultKind.BUS_ERROR, FaultKind.FOREIGN)
+OVER: Mapping[str, FaultKind] = {kind: ENDED_BY[kind] for kind in _REPEATING}
+"""Kinds that are over when they have not repeated for a while, with the kind that says so."""
 
 
 @dataclass(slots=True)
 class _Repeats:
     latest: Fault
+    began_ns: int
     reported_ns: int
+    times: int = 1
     unreported: int = 0
 
 
 class FaultThrottle:
-    """Lets the first fault of a kind through, then one summary a second while it repeats.
+    """Lets the first fault of a kind through, then one summary a second while it repeats, then its end.
 
     A noisy line can produce thousands of faults a second; all are counted, few are written.
     """
@@ -57,23 +45,33 @@ class FaultThrottle:
         key = (fault.source, fault.kind)
         repeats = self._seen.get(key)
         if repeats is None:
-            self._seen[key] = _Repeats(fault, fault.time_ns)
+            self._seen[key] = _Repeats(fault, fault.time_ns, fault.time_ns)
             return [fault]
         repeats.latest = fault
+        repeats.times += 1
         repeats.unreported += 1
         return []
 
     def due(self, now_ns: int) -> list[Fault]:
-        """Summaries that are due, of what repeated since it was last reported."""
-        summaries = []
+        """What is due: summaries of what repeats, and the ends of what does not any more."""
+        reports = []
         for key, repeats in list(self._seen.items()):
-            if now_ns - repeats.reported_ns < SECOND:
-                continue
-            if repeats.unreported == 0:
-                del self._seen[key]
-                continue
             last = repeats.latest
-            text = f"{repeats.unreported} more times; the last: {last.text}"
-            summaries.append(Fault(now_ns, last.source, last.kind, text))
-            repeats.reported_ns, repeats.unreported = now_ns, 0
-        return summaries
+            if now_ns - last.time_ns >= QUIET_NS:
+                del self._seen[key]
+                if last.kind in OVER:
+                    reports.append(self._end(repeats, now_ns))
+            elif repeats.unreported and now_ns - repeats.reported_ns >= QUIET_NS:
+                text = f"{repeats.unreported} more times; the last: {last.text}"
+                reports.append(Fault(now_ns, last.source, last.kind, text))
+                repeats.reported_ns, repeats.unreported = now_ns, 0
+        return reports
+
+    def _end(self, repeats: _Repeats, now_ns: int) -> Fault:
+        last = repeats.latest
+        lasted_s = (last.time_ns - repeats.began_ns) / SECOND
+        times = "once" if repeats.times == 1 else f"{repeats.times} times in {lasted_s:.1f} s"
+        text = (
+            f"{last.kind} {times}, and not for {QUIET_NS / SECOND:g} s since; the last: {last.text}"
+        )
+        return Fault(now_ns, last.source, OVER[last.kind], text)

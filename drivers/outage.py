@@ -1,7 +1,8 @@
 """What a link does while its port is away: try to open it, wait in between, count what is lost.
 
 Attempts follow growing delays (`drivers.schedule.Backoff`); between them the caller's thread
-waits, so that an absent adapter costs no processor time.
+waits, so that an absent adapter costs no processor time. A port that breaks again soon after it
+came back (a loose plug, a bus that stays off) goes on with the delay that it had reached.
 """
 
 from __future__ import annotations
@@ -10,15 +11,18 @@ import threading
 from collections.abc import Collection
 from typing import Protocol
 
-from drivers.errors import DriverError, LinkBroken
-from drivers.faults import FaultKind
+from drivers.errors import BusOff, DriverError, LinkBroken
 from drivers.link import Clock
 from drivers.schedule import SECOND, Backoff
 from drivers.tally import Tally
 from recordings.events import Fault
+from recordings.faults import FaultKind
 
 LONGEST_WAIT_S = 0.05
 """Longest wait in one turn of a link: how soon another thread gets its turn."""
+
+STEADY_NS = 5 * SECOND
+"""How long a port must have been open again for its next outage to begin with a short delay."""
 
 
 class Reopenable(Protocol):
@@ -57,23 +61,30 @@ class Outage:
         self._tallies = tallies
         self._clock = clock
         self._closing = closing
-        self._backoff: Backoff | None = None
+        self._backoff = Backoff(0)
+        self._away = False
         self._since_ns = 0
+        self._reopened_ns: int | None = None
 
     @property
     def lasts(self) -> bool:
         """Whether the port is away."""
-        return self._backoff is not None
+        return self._away
 
     def begin(self, error: LinkBroken, *, sampling: bool) -> Fault:
         """The port has gone away; returns what to report."""
         self._since_ns = self._clock.now_ns()
         self._port.close()
-        self._backoff = Backoff(self._since_ns)
+        self._away = True
+        if self._reopened_ns is not None and self._since_ns - self._reopened_ns < STEADY_NS:
+            self._backoff.failed(self._since_ns)
+        else:
+            self._backoff = Backoff(self._since_ns)
         if sampling:
             for tally in self._tallies:
                 tally.begin_gap()
-        return Fault(self._since_ns, self._name, FaultKind.BROKEN, str(error))
+        kind = FaultKind.BUS_OFF if isinstance(error, BusOff) else FaultKind.BROKEN
+        return Fault(self._since_ns, self._name, kind, str(error))
 
     def serve(self, missed: int, timeout_s: float) -> Fault | None:
         """One turn of an outage: try to open the port if it is time, else wait.
@@ -88,7 +99,7 @@ class Outage:
         for tally in self._tallies:
             tally.lose(missed)
         now_ns = self._clock.now_ns()
-        if self._backoff is None:
+        if not self._away:
             return None
         if now_ns < self._backoff.next_ns:
             wait_s = (self._backoff.next_ns - now_ns) / SECOND
@@ -101,11 +112,11 @@ class Outage:
             self._backoff.failed(self._clock.now_ns())
             return None
         self.end()
-        now_ns = self._clock.now_ns()
+        now_ns = self._reopened_ns = self._clock.now_ns()
         away_s = (now_ns - self._since_ns) / SECOND
         text = f"port '{self._name}' is open again after {away_s:.1f} s"
         return Fault(now_ns, self._name, FaultKind.REOPENED, text)
 
     def end(self) -> None:
         """The port is open."""
-        self._backoff = None
+        self._away = False

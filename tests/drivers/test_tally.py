@@ -104,10 +104,21 @@ def test_a_repeated_fault_is_reported_once_and_then_summed_up():
     assert throttle.offer(fault[0]) == [fault[0]]
     assert [throttle.offer(f) for f in fault[1:]] == [[]] * 4
     assert throttle.due(SECOND // 2) == []
+    again = Fault(SECOND // 2, "bus", FaultKind.MALFORMED, "bad 5")
+    assert throttle.offer(again) == []
     (summary,) = throttle.due(SECOND)
-    assert summary.text == "4 more times; the last: bad 4"
-    assert throttle.due(2 * SECOND) == []
+    assert summary.text == "5 more times; the last: bad 5"
+    (over,) = throttle.due(2 * SECOND)
+    assert (over.source, over.kind) == ("bus", FaultKind.MALFORMED_OVER)
+    assert over.text == "malformed 6 times in 0.5 s, and not for 1 s since; the last: bad 5"
+    assert throttle.due(3 * SECOND) == []
     assert throttle.offer(fault[1]) == [fault[1]]
+
+
+def test_a_fault_that_ends_in_its_own_way_is_not_called_over():
+    throttle = FaultThrottle()
+    assert throttle.offer(Fault(0, "a", FaultKind.SILENT, "")) != []
+    assert throttle.due(2 * SECOND) == []
 
 
 def test_faults_of_other_sources_and_kinds_are_not_held_back():
