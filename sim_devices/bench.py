@@ -18,8 +18,10 @@ from types import FrameType
 from recordings.rig import CanPort, Rig
 from sim_devices.bus_port import BusPort
 from sim_devices.errors import DeviceNotSimulated
+from sim_devices.faults.injector import Injector
+from sim_devices.faults.wiring import Wiring
 from sim_devices.kinds import can_bus, serial_line
-from sim_devices.line import SlcanLine
+from sim_devices.line import Line, SlcanLine
 from sim_devices.plant_seam import Plant
 from sim_devices.port import Port
 from sim_devices.pty_port import PtyPort
@@ -44,6 +46,8 @@ def run_bench(
     ports: Mapping[str, str] | None = None,
     ready: Callable[[Mapping[str, str]], None] | None = None,
     clock: Clock = time.monotonic,
+    faults: Injector | None = None,
+    seed: int = 0,
 ) -> None:
     """Run the virtual devices of a rig until ``stop`` is set; takes at most `STEP_S` to end.
 
@@ -55,13 +59,19 @@ def run_bench(
             slcan adapter there, whatever its interface in the rig.
         ready: called once, when a host may open the ports, with their addresses by port name.
         clock: monotonic time [s].
+        faults: what goes wrong, and when; lines can be injected into it while the bench runs.
+        seed: of all that is random in faults.
 
     Raises:
         DeviceNotSimulated: the rig asks for what no virtual device offers.
         PortTaken: a path belongs to something else.
         PortUnavailable: the system or a CAN interface refuses.
     """
-    bench = Bench(build_ports(rig, plant, ports or {}), plant, clock)
+    faults = faults or Injector(rig)
+    wiring = Wiring(rig, plant, seed)
+    built = build_ports(rig, wiring, ports or {})
+    faults.bind(wiring)
+    bench = Bench([wiring.plug(port) for port in built], plant, clock, faults)
     with bench.opened():
         if ready is not None:
             ready(bench.addresses)
@@ -69,8 +79,20 @@ def run_bench(
             bench.turn()
 
 
-def build_ports(rig: Rig, plant: Plant, paths: Mapping[str, str]) -> list[Port]:
-    """The ports of a rig with their devices, not open yet; raises DeviceNotSimulated."""
+def build_ports(
+    rig: Rig,
+    wiring: Wiring,
+    paths: Mapping[str, str],
+    at: Callable[[str, str, Line], Port] = PtyPort,
+) -> list[Port]:
+    """The ports of a rig with their devices, not open yet; raises DeviceNotSimulated.
+
+    Args:
+        rig: what to build.
+        wiring: where faults take hold of it.
+        paths: addresses by port name, in place of those in the rig.
+        at: makes a port that carries bytes, from its name, its address and its far end.
+    """
     names = [port.name for port in rig.ports]
     if not names:
         raise DeviceNotSimulated(f"the rig '{rig.name}' has no ports, so there is nothing to run")
@@ -83,14 +105,17 @@ def build_ports(rig: Rig, plant: Plant, paths: Mapping[str, str]) -> list[Port]:
     for port in rig.ports:
         if not isinstance(port, CanPort):
             path = paths.get(port.name, port.path)
-            built.append(PtyPort(port.name, _local(port.name, path), serial_line(rig, port, plant)))
+            line = wiring.line(port.name, serial_line(rig, port, wiring.plant, wiring.place))
+            built.append(at(port.name, _local(port.name, path), line))
         elif port.interface == "slcan" or port.name in paths:
             # python-can takes the serial baud rate behind an '@' of the channel.
             path = paths.get(port.name, port.channel.partition("@")[0])
-            line = SlcanLine(can_bus(rig, port, plant))
-            built.append(PtyPort(port.name, _local(port.name, path), line))
+            bus = wiring.bus(port.name, can_bus(rig, port, wiring.plant, wiring.place))
+            adapter = wiring.adapter(port.name, SlcanLine(bus))
+            built.append(at(port.name, _local(port.name, path), adapter))
         else:
-            built.append(BusPort(port, can_bus(rig, port, plant)))
+            bus = wiring.bus(port.name, can_bus(rig, port, wiring.plant, wiring.place))
+            built.append(wiring.interface(BusPort(port, bus)))
     return built
 
 
@@ -101,11 +126,14 @@ class Bench:
         addresses: where hosts find the ports, by port name.
     """
 
-    def __init__(self, ports: list[Port], plant: Plant, clock: Clock) -> None:
+    def __init__(
+        self, ports: list[Port], plant: Plant, clock: Clock, faults: Injector | None = None
+    ) -> None:
         self.addresses: Mapping[str, str] = {port.name: port.address for port in ports}
         self._ports = ports
         self._plant = plant
         self._clock = clock
+        self._faults = faults
         self._start_s = 0.0
         self._plant_s = 0.0
         self._next_tick_s = 0.0
@@ -141,6 +169,8 @@ class Bench:
             self._move_plant(now_s)
             for port in self._ports:
                 port.tick(now_s)
+            if self._faults is not None:
+                self._faults.advance(now_s)
             # From now, not from when it was due: a bench that was held up does not race.
             self._next_tick_s = now_s + STEP_S
 

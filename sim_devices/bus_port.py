@@ -6,6 +6,7 @@ interface as one more participant. ``virtual`` reaches hosts of the same process
 
 from __future__ import annotations
 
+import random
 from collections.abc import Sequence
 
 import can
@@ -13,6 +14,9 @@ import can
 from recordings.rig import CanPort
 from sim_devices.can_bus import CanBus, Frame
 from sim_devices.errors import PortUnavailable
+
+BUS_OFF, BUS_ERROR = 0x40, 0x80
+"""Classes of error frames, as in the identifier of an error frame of SocketCAN."""
 
 MOST_FRAMES = 1024
 """Frames taken in one turn, so that a flooded bus cannot keep the bench from its other ports."""
@@ -25,12 +29,17 @@ class BusPort:
         name: port name of the rig.
         address: interface and channel.
         refused_frames: frames that the interface did not take.
+        bus_off: whether its controller is driven off the bus: it says so, and nothing passes.
+        corrupt: probability that a frame for the host becomes an error frame.
     """
 
     def __init__(self, port: CanPort, bus: CanBus) -> None:
         self.name = port.name
         self.address = f"{port.interface}:{port.channel}"
         self.refused_frames = 0
+        self.bus_off = False
+        self.corrupt = 0.0
+        self._random = random.Random(port.name)
         self._port = port
         self._nodes = bus
         self._bus: can.BusABC | None = None
@@ -75,7 +84,7 @@ class BusPort:
             message = self._bus.recv(0)
             if message is None:
                 return
-            if message.is_error_frame or message.is_fd:
+            if message.is_error_frame or message.is_fd or self.bus_off:
                 continue
             remote = message.dlc if message.is_remote_frame else None
             data = b"" if message.is_remote_frame else bytes(message.data)
@@ -84,12 +93,16 @@ class BusPort:
 
     def tick(self, time_s: float) -> None:
         """Let time pass for the nodes."""
-        self._send(self._nodes.tick(time_s))
+        frames = self._nodes.tick(time_s)
+        if self.bus_off:
+            self._put(_error_frame(BUS_OFF))
+        self._send(frames)
 
     def _send(self, frames: Sequence[Frame]) -> None:
-        if self._bus is None:
-            return
-        for frame in frames:
+        for frame in () if self.bus_off else frames:
+            if self.corrupt and self._random.random() < self.corrupt:
+                self._put(_error_frame(BUS_ERROR))
+                continue
             message = can.Message(
                 arbitration_id=frame.identifier,
                 is_extended_id=frame.extended,
@@ -97,11 +110,22 @@ class BusPort:
                 dlc=frame.remote_length,
                 data=None if frame.remote_length is not None else frame.data,
             )
-            try:
-                self._bus.send(message, timeout=0)
-            except can.CanOperationError:
-                # A full transmit queue, or nobody to acknowledge: the frame is lost, as on a bus.
-                self.refused_frames += 1
+            self._put(message)
+
+    def _put(self, message: can.Message) -> None:
+        if self._bus is None:
+            return
+        try:
+            self._bus.send(message, timeout=0)
+        except can.CanOperationError:
+            # A full transmit queue, or nobody to acknowledge: the frame is lost, as on a bus.
+            self.refused_frames += 1
+
+
+def _error_frame(error_class: int) -> can.Message:
+    return can.Message(
+        arbitration_id=error_class, is_error_frame=True, is_extended_id=False, data=bytes(8)
+    )
 
 
 def _descriptor(bus: can.BusABC) -> int | None:

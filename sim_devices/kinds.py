@@ -7,6 +7,7 @@ options are those of the driver of the same name; only what concerns the wire is
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from recordings.rig import CanPort, Channel, Device, Rig, SerialPort
@@ -88,17 +89,28 @@ SERIAL_KINDS: dict[str, Callable[[Rig, Device, Plant], SerialDevice]] = {
 }
 
 
-def can_bus(rig: Rig, port: CanPort, plant: Plant) -> CanBus:
+Place = Callable[[Device, Callable[[Device], Any]], Any]
+"""Puts at the place of a device what the function makes of it."""
+
+
+def directly(device: Device, make: Callable[[Device], Any]) -> Any:
+    """The device itself, with nothing around it."""
+    return make(device)
+
+
+def can_bus(rig: Rig, port: CanPort, plant: Plant, place: Place = directly) -> CanBus:
     """The virtual nodes on a CAN port; raises DeviceNotSimulated."""
-    return CanBus(_build(rig, port.name, plant, CAN_KINDS, "node_id"))
+    return CanBus(_build(rig, port.name, plant, CAN_KINDS, "node_id", place))
 
 
-def serial_line(rig: Rig, port: SerialPort, plant: Plant) -> SerialLine:
+def serial_line(rig: Rig, port: SerialPort, plant: Plant, place: Place = directly) -> SerialLine:
     """The virtual devices on a serial port; raises DeviceNotSimulated."""
-    return SerialLine(_build(rig, port.name, plant, SERIAL_KINDS, "unit_id"))
+    return SerialLine(_build(rig, port.name, plant, SERIAL_KINDS, "unit_id", place))
 
 
-def _build(rig: Rig, port: str, plant: Plant, kinds: Mapping[str, Make], address: str) -> list[Any]:
+def _build(
+    rig: Rig, port: str, plant: Plant, kinds: Mapping[str, Make], address: str, place: Place
+) -> list[Any]:
     built: list[Any] = []
     owners: dict[Any, str] = {}
     for device in (device for device in rig.devices if device.port == port):
@@ -108,7 +120,7 @@ def _build(rig: Rig, port: str, plant: Plant, kinds: Mapping[str, Make], address
                 f"device '{device.name}' on port '{port}' has the driver '{device.driver}', for "
                 f"which there is no virtual device; there are: {', '.join(sorted(kinds))}"
             )
-        built.append(make(rig, device, plant))
+        built.append(place(device, partial(make, rig, plant=plant)))
         number = device.options.get(address)
         if number in owners:
             raise DeviceNotSimulated(

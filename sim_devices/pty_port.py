@@ -54,6 +54,7 @@ class PtyPort:
         self._clear_path()
         try:
             self._master, slave = os.openpty()
+            self._poll.register(self._master, select.POLLIN)
             self._terminal = os.ttyname(slave)
             tty.setraw(slave)
             os.close(slave)
@@ -63,7 +64,6 @@ class PtyPort:
             raise PortUnavailable(
                 f"cannot make a pseudo-terminal for port '{self.name}': {error}"
             ) from error
-        self._poll.register(self._master, select.POLLIN)
         try:
             self._path.symlink_to(self._terminal)
         except FileExistsError as error:
@@ -82,9 +82,13 @@ class PtyPort:
             return
         if self._path.is_symlink() and str(self._path.readlink()) == self._terminal:
             self._path.unlink()
+        self._poll.unregister(self._master)
         os.close(self._master)
         self._master = None
-        self._held = False
+        if self._held:
+            self._held = False
+            self._waiting.clear()
+            self._line.hang_up()
 
     def fileno(self) -> int | None:
         """The terminal's descriptor while a host holds the port, else None."""
@@ -98,7 +102,8 @@ class PtyPort:
 
     def tick(self, time_s: float) -> None:
         """Let time pass for the line; notice a host that has come."""
-        self._notice_host()
+        if self._master is not None:
+            self._notice_host()
         self._send(self._line.tick(time_s))
 
     def _notice_host(self) -> None:

@@ -17,6 +17,9 @@ one that the state of the channel forbids. Malformed input is counted, never fat
     Mxxxxxxxx, m..   CR          acceptance code and mask (closed channel only; all is accepted)
     (empty)          CR          hosts send it to flush the line
 
+An adapter that is driven off its bus refuses to send (BELL), hears nothing, and shows it in its
+flags (bus error), until the channel is closed and opened again.
+
 Source: Lawicel, "CAN232 manual" and "CANUSB manual", chapter "Available CANUSB ASCII commands".
 """
 
@@ -32,7 +35,7 @@ OK = b"\r"
 BELL = b"\a"
 VERSION = b"V1013"
 SERIAL_NUMBER = b"NLC01"
-DATA_OVERRUN = 0x08
+DATA_OVERRUN, BUS_ERROR = 0x08, 0x80
 
 LONGEST_COMMAND = 1 + 8 + 1 + 2 * LARGEST_LENGTH
 STAMP_PERIOD_MS = 60_000
@@ -56,6 +59,8 @@ class SlcanAdapter:
 
     def __init__(self) -> None:
         self.malformed = 0
+        self._driven_off = False
+        self._is_off = False
         self._channel = Channel.CLOSED
         self._stamps = False
         self._status = 0
@@ -67,9 +72,20 @@ class SlcanAdapter:
         """Whether the host has opened the channel."""
         return self._channel
 
+    @property
+    def bus_off(self) -> bool:
+        """Whether something drives the controller off its bus."""
+        return self._driven_off
+
+    @bus_off.setter
+    def bus_off(self, driven_off: bool) -> None:
+        self._driven_off = driven_off
+        self._is_off = self._is_off or driven_off
+
     def hang_up(self) -> None:
         """The host has let go of the port: the channel closes and a half command is forgotten."""
         self._channel = Channel.CLOSED
+        self._is_off = self._driven_off
         self._buffer.clear()
         self._overlong = False
 
@@ -107,7 +123,7 @@ class SlcanAdapter:
             frame: a frame on the bus.
             time_s: adapter's time, for the stamp in milliseconds modulo one minute.
         """
-        if self._channel is Channel.CLOSED:
+        if self._channel is Channel.CLOSED or self._is_off:
             return b""
         letter = "t" if frame.remote_length is None else "r"
         length = len(frame.data) if frame.remote_length is None else frame.remote_length
@@ -149,12 +165,14 @@ class SlcanAdapter:
         if not allowed:
             return [BELL]
         self._channel = channel
+        if channel is Channel.CLOSED:
+            self._is_off = self._driven_off
         return [OK]
 
     def _report_status(self) -> list[bytes | Frame]:
         if self._channel is Channel.CLOSED:
             return [BELL]
-        status, self._status = self._status, 0
+        status, self._status = self._status | (BUS_ERROR if self._is_off else 0), 0
         return [b"F%02X\r" % status]
 
     def _send(self, letter: bytes, rest: bytes) -> list[bytes | Frame]:
@@ -162,7 +180,7 @@ class SlcanAdapter:
         if frame is None:
             self.malformed += 1
             return [BELL]
-        if self._channel is not Channel.OPEN:
+        if self._channel is not Channel.OPEN or self._is_off:
             return [BELL]
         return [(b"Z" if frame.extended else b"z") + OK, frame]
 

@@ -18,6 +18,7 @@ import pytest
 from recordings.rig import Rig, parse_rig, rig_text
 from sim_devices.bench import Bench, build_ports, run_bench, stop_on_signals
 from sim_devices.errors import PortTaken, PortUnavailable
+from sim_devices.faults.wiring import Wiring
 from sim_devices.modbus import crc16
 
 PATIENCE_S = 20.0
@@ -206,6 +207,6 @@ def test_nodes_join_a_bus_of_another_interface(arm_here: Rig, plant, running, tm
 
 def test_bus_that_cannot_be_joined_is_named(plant, tmp_path: Path) -> None:
     text = rig_text("arm")[0].replace('"slcan"', '"no-such-interface"')
-    port = build_ports(parse_rig(text), plant, {})[0]
+    port = build_ports(parse_rig(text), Wiring(parse_rig(text), plant, 0), {})[0]
     with pytest.raises(PortUnavailable, match="no-such-interface:"):
         port.open()

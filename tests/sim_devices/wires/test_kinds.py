@@ -9,6 +9,7 @@ from sim_devices.bench import build_ports
 from sim_devices.bus_port import BusPort
 from sim_devices.can_bus import Frame
 from sim_devices.errors import DeviceNotSimulated
+from sim_devices.faults.wiring import Wiring
 from sim_devices.kinds import can_bus, serial_line
 from sim_devices.modbus import crc16
 from sim_devices.pty_port import PtyPort
@@ -62,27 +63,27 @@ def test_line_of_the_shoulder(plant) -> None:
 )
 def test_what_cannot_be_built_is_named(rig, edit, words, plant) -> None:
     with pytest.raises(DeviceNotSimulated, match=words):
-        build_ports(edited(rig, edit), plant, {})
+        build_ports(edited(rig, edit), Wiring(edited(rig, edit), plant, 0), {})
 
 
 def test_path_for_an_unknown_port_is_refused(arm: Rig, plant) -> None:
     with pytest.raises(DeviceNotSimulated, match="the rig has: arm-can, arm-wrist"):
-        build_ports(arm, plant, {"arm": "/nowhere"})
+        build_ports(arm, Wiring(arm, plant, 0), {"arm": "/nowhere"})
 
 
 def test_rig_without_ports_is_refused(plant) -> None:
     text = rig_text("shoulder")[0]
     head = text[: text.index("[[port]]")].replace('device = "lvdt-adc"\n', "")
     with pytest.raises(DeviceNotSimulated, match="no ports"):
-        build_ports(parse_rig(head), plant, {})
+        build_ports(parse_rig(head), Wiring(parse_rig(head), plant, 0), {})
 
 
 def test_where_the_ports_are(plant) -> None:
     slcan = edited("arm", ('"/tmp/loopcal-arm-can"', '"/tmp/loopcal-arm-can@115200"'))
     virtual = edited("arm", ('"slcan"', '"virtual"'))
-    built = build_ports(slcan, plant, {})
+    built = build_ports(slcan, Wiring(slcan, plant, 0), {})
     assert [type(port) for port in built] == [PtyPort, PtyPort]
     assert built[0].address == "/tmp/loopcal-arm-can"
-    assert type(build_ports(virtual, plant, {})[0]) is BusPort
-    moved = build_ports(virtual, plant, {"arm-can": "/tmp/elsewhere"})[0]
+    assert type(build_ports(virtual, Wiring(virtual, plant, 0), {})[0]) is BusPort
+    moved = build_ports(virtual, Wiring(virtual, plant, 0), {"arm-can": "/tmp/elsewhere"})[0]
     assert (type(moved), moved.address) == (PtyPort, "/tmp/elsewhere")
