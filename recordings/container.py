@@ -3,14 +3,17 @@
 The container of a recording, without what is in it. It writes the records of the mcap
 library, but builds chunks itself, because the library takes one message at a time and a
 chunk of readings is one array here. Each chunk names the channels it holds again, so that
-it can be read even where chunks before it are lost.
+it can be read even where chunks before it are lost. A chunk and its index are handed to the
+file in one piece: after a write that failed, the file ends behind whole records.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
-from typing import BinaryIO
+from collections import Counter
+from collections.abc import Iterator
+from typing import Protocol
 
 import numpy as np
 import zstandard
@@ -45,17 +48,24 @@ _INDEX_ENTRY = struct.Struct("<QQ")
 _INDEX_ROW = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 
 
-class Container:
-    """Writes MCAP records to a binary stream. One thread at a time."""
+class Sink(Protocol):
+    """Takes all of ``data``, or nothing and raises OSError."""
 
-    def __init__(self, stream: BinaryIO, profile: str, library: str) -> None:
-        self._stream = stream
+    def write(self, data: bytes, /) -> object: ...
+
+
+class Container:
+    """Writes MCAP records to a file. One thread at a time."""
+
+    def __init__(self, sink: Sink, profile: str, library: str) -> None:
+        self._sink = sink
         self._position = 0
         self._crc = 0
         self._compressor = zstandard.ZstdCompressor()
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
-        self._counts: dict[int, int] = {}
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._sequences: dict[int, int] = {}
+        self._counts: Counter[int] = Counter()
         self._first_ns: int | None = None
         self._last_ns = 0
         self._chunk_indexes: list[ChunkIndex] = []
@@ -91,14 +101,23 @@ class Container:
         length = self._put(_bytes(Metadata(name=name, metadata=pairs)))
         self._metadata.append(MetadataIndex(offset=offset, length=length, name=name))
 
+    def define_schema(self, schema: Schema) -> None:
+        """Take a schema, whose id is new here."""
+        self._schemas[schema.id] = schema
+        self._new_schemas.append(schema)
+
+    def define_channel(self, channel: Channel, sequence: int = 0) -> None:
+        """Take a channel, whose id is new here; ``sequence`` is that of its first message."""
+        self._channels[channel.id] = channel
+        self._sequences[channel.id] = sequence
+
     def register_schema(self, name: str, data: bytes) -> int:
         """Register a protobuf schema; returns its id."""
         schema = Schema(id=len(self._schemas) + 1, data=data, encoding="protobuf", name=name)
-        self._schemas.append(schema)
-        self._new_schemas.append(schema)
+        self.define_schema(schema)
         return schema.id
 
-    def register_channel(self, topic: str, schema_id: int) -> int:
+    def register_channel(self, topic: str, schema_id: int, sequence: int = 0) -> int:
         """Register a topic of protobuf messages; returns its channel id."""
         channel = Channel(
             id=len(self._channels) + 1,
@@ -107,13 +126,17 @@ class Container:
             metadata={},
             schema_id=schema_id,
         )
-        self._channels.append(channel)
-        self._counts[channel.id] = 0
+        self.define_channel(channel, sequence)
         return channel.id
 
-    def count(self, channel_id: int) -> int:
-        """Messages written to a channel so far: the MCAP sequence of its next one."""
-        return self._counts[channel_id]
+    @property
+    def size(self) -> int:
+        """Bytes handed to the file so far."""
+        return self._position
+
+    def sequence(self, channel_id: int) -> int:
+        """The MCAP sequence of a channel's next message."""
+        return self._sequences[channel_id]
 
     def add(self, channel_id: int, time_ns: int, payload: bytes) -> None:
         """Write one message.
@@ -121,15 +144,15 @@ class Container:
         Raises:
             struct.error: ``time_ns`` is negative or above 64 bits.
         """
-        counter = self._counts[channel_id]
+        sequence = self._sequences[channel_id]
         head = _MESSAGE.pack(
-            MESSAGE_OPCODE, len(payload) + 22, channel_id, counter % 2**32, time_ns, time_ns
+            MESSAGE_OPCODE, len(payload) + 22, channel_id, sequence % 2**32, time_ns, time_ns
         )
         index = self._index_of(channel_id)
         index += _INDEX_ENTRY.pack(time_ns, len(self._chunk))
         self._chunk += head
         self._chunk += payload
-        self._counts[channel_id] = counter + 1
+        self._sequences[channel_id] = sequence + 1
         self._span(time_ns, time_ns)
         if len(self._chunk) >= CHUNK_BYTES:
             self.end_chunk()
@@ -146,27 +169,68 @@ class Container:
             entries["offset"] = len(self._chunk) + size * np.arange(len(now))
             index += entries.tobytes()
             self._chunk += now.tobytes()
-            self._counts[channel_id] += len(now)
+            self._sequences[channel_id] += len(now)
             self._span(int(now["log_time"].min()), int(now["log_time"].max()))
             if len(self._chunk) >= CHUNK_BYTES:
                 self.end_chunk()
 
+    def add_copies(
+        self,
+        data: bytes,
+        start: NDArray[np.int64],
+        stop: NDArray[np.int64],
+        channel_id: NDArray[np.uint16],
+        time_ns: NDArray[np.int64],
+    ) -> None:
+        """Write Message records of another file as they are; their channels are defined here.
+
+        Args:
+            data: the records.
+            start, stop: (n,) where each begins and ends in ``data``.
+            channel_id: (n,) their channels.
+            time_ns: (n,) their log times.
+        """
+        ends = np.cumsum(stop - start)
+        first = 0
+        while first < len(start):
+            before = int(ends[first - 1]) if first else 0
+            last = 1 + int(np.searchsorted(ends, before + CHUNK_BYTES - len(self._chunk)))
+            rows = slice(first, max(first + 1, last))
+            indexes = {int(each): self._index_of(int(each)) for each in np.unique(channel_id[rows])}
+            entries = np.empty(len(start[rows]), _INDEX_ROW)
+            entries["log_time"] = time_ns[rows]
+            entries["offset"] = len(self._chunk) + ends[rows] - (stop - start)[rows] - before
+            for each, index in indexes.items():
+                index += entries[channel_id[rows] == each].tobytes()
+            self._chunk += b"".join(_runs(data, start[rows], stop[rows]))
+            self._span(int(time_ns[rows].min()), int(time_ns[rows].max()))
+            first = rows.stop
+            if len(self._chunk) >= CHUNK_BYTES:
+                self.end_chunk()
+
     def end_chunk(self) -> None:
-        """Close the open chunk, if it holds messages, and hand everything to the system."""
+        """Close the open chunk, if it holds messages, and hand it to the file."""
         if self._indexes:
             self._write_chunk()
             self._begin_chunk()
-        self._stream.flush()
+
+    def abandon_chunk(self) -> dict[int, int]:
+        """Forget the open chunk; returns how many messages of each channel were in it."""
+        lost = {key: len(index) // _INDEX_ENTRY.size for key, index in self._indexes.items()}
+        for channel_id, count in lost.items():
+            self._sequences[channel_id] -= count
+        self._new_schemas = list(self._schemas.values())
+        self._begin_chunk()
+        return lost
 
     def finish(self) -> None:
-        """Write the last chunk and the summary. The stream stays open."""
+        """Write the last chunk and the summary. The file stays open."""
         self.end_chunk()
-        self._put(_bytes(DataEnd(data_section_crc=self._crc)))
-        self._write_summary()
-        self._stream.flush()
+        end = _bytes(DataEnd(data_section_crc=self._crc))
+        self._put(end + self._summary(self._position + len(end)))
 
     def _put(self, data: bytes) -> int:
-        self._stream.write(data)
+        self._sink.write(data)
         self._crc = zlib.crc32(data, self._crc)
         self._position += len(data)
         return len(data)
@@ -184,7 +248,7 @@ class Container:
             for schema in self._new_schemas:
                 self._chunk += _bytes(schema)
             self._new_schemas.clear()
-            self._chunk += _bytes(self._channels[channel_id - 1])
+            self._chunk += _bytes(self._channels[channel_id])
             index = self._indexes[channel_id] = bytearray()
         return index
 
@@ -204,15 +268,18 @@ class Container:
             uncompressed_size=len(data),
         )
         offset = self._position
-        length = self._put(_bytes(chunk))
-        index_start = self._position
+        written = bytearray(_bytes(chunk))
+        length = len(written)
         offsets: dict[int, int] = {}
         for channel_id, entries in self._indexes.items():
-            offsets[channel_id] = self._position
-            head = struct.pack(
+            offsets[channel_id] = offset + len(written)
+            written += struct.pack(
                 "<BQHI", Opcode.MESSAGE_INDEX, 6 + len(entries), channel_id, len(entries)
             )
-            self._put(head + bytes(entries))
+            written += entries
+        self._put(bytes(written))
+        for channel_id, entries in self._indexes.items():
+            self._counts[channel_id] += len(entries) // _INDEX_ENTRY.size
         self._chunk_indexes.append(
             ChunkIndex(
                 chunk_length=length,
@@ -220,7 +287,7 @@ class Container:
                 compression="zstd",
                 compressed_size=len(compressed),
                 message_end_time=self._chunk_last_ns,
-                message_index_length=self._position - index_start,
+                message_index_length=len(written) - length,
                 message_index_offsets=offsets,
                 message_start_time=self._chunk_first_ns,
                 uncompressed_size=len(data),
@@ -234,7 +301,7 @@ class Container:
         return Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
-            channel_message_counts={key: count for key, count in self._counts.items() if count},
+            channel_message_counts=dict(self._counts),
             chunk_count=len(self._chunk_indexes),
             message_count=sum(self._counts.values()),
             message_end_time=self._last_ns,
@@ -243,11 +310,11 @@ class Container:
             schema_count=len(self._schemas),
         )
 
-    def _write_summary(self) -> None:
-        start = self._position
+    def _summary(self, start: int) -> bytes:
+        """Summary, footer and magic, which begin at byte ``start``."""
         groups: tuple[tuple[Opcode, list[McapRecord]], ...] = (
-            (Opcode.SCHEMA, [*self._schemas]),
-            (Opcode.CHANNEL, [*self._channels]),
+            (Opcode.SCHEMA, [*self._schemas.values()]),
+            (Opcode.CHANNEL, [*self._channels.values()]),
             (Opcode.STATISTICS, [self._statistics()]),
             (Opcode.CHUNK_INDEX, [*self._chunk_indexes]),
             (Opcode.ATTACHMENT_INDEX, [*self._attachments]),
@@ -268,7 +335,15 @@ class Container:
         head = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start)
         crc = zlib.crc32(head, zlib.crc32(summary))
         footer = Footer(summary_start=start, summary_offset_start=offsets_start, summary_crc=crc)
-        self._put(bytes(summary) + _bytes(footer) + MAGIC)
+        return bytes(summary) + _bytes(footer) + MAGIC
+
+
+def _runs(data: bytes, start: NDArray[np.int64], stop: NDArray[np.int64]) -> Iterator[bytes]:
+    """The pieces of ``data`` from each start to its stop, those that touch in one."""
+    breaks = np.flatnonzero(start[1:] != stop[:-1])
+    firsts, lasts = [0, *(breaks + 1).tolist()], [*breaks.tolist(), len(start) - 1]
+    for first, last in zip(firsts, lasts, strict=True):
+        yield data[int(start[first]) : int(stop[last])]
 
 
 def _bytes(record: McapRecord) -> bytes:

@@ -3,6 +3,10 @@
 Every message says what was seen, what was expected and what to do.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+
 
 class RecordingsError(Exception):
     """Root of what this room raises."""
@@ -18,6 +22,18 @@ class TableError(RecordingsError):
 
 class RecordingError(RecordingsError):
     """A recording cannot be written or read."""
+
+
+class DiskFailed(RecordingError):
+    """The disk is full or failed while a recording was written; it ends there.
+
+    Attributes:
+        lost: readings of each channel that were handed to the writer and are in no file.
+    """
+
+    def __init__(self, text: str, lost: Mapping[str, int]) -> None:
+        self.lost = dict(lost)
+        super().__init__(text)
 
 
 class NotARecording(RecordingError):

@@ -8,6 +8,7 @@ size, compression or field order, with or without a summary.
 from __future__ import annotations
 
 import stat
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar
 
@@ -26,11 +27,13 @@ from recordings.events import (
     RoundTrip,
     StateChange,
 )
+from recordings.joining import joined
+from recordings.part import FIRST_PART
+from recordings.part_file import PROFILE, RIG_ATTACHMENT
 from recordings.recording import Readings, Recording
 from recordings.records import Malformed
 from recordings.rig import parse_rig
 from recordings.session import METADATA_NAME, Session, from_metadata
-from recordings.writer import PROFILE, RIG_ATTACHMENT
 
 _E = TypeVar("_E", bound=Event)
 _SHOWN_LINES = 5
@@ -40,7 +43,8 @@ def read_recording(path: str | Path, *, damaged_ok: bool = False) -> Recording:
     """Read a whole recording.
 
     Args:
-        path: the file.
+        path: the file; the first part of a recording in several files stands for all of them,
+            and any other part for itself.
         damaged_ok: whether to return what is left of a damaged file, with `Recording.damage`
             saying what is wrong, in place of raising. Damaged chunks are skipped one by one.
 
@@ -51,7 +55,17 @@ def read_recording(path: str | Path, *, damaged_ok: bool = False) -> Recording:
         RigError: the rig description that it carries is not valid.
         RecordingError: the disk failed, or the file may not be read.
     """
-    path = Path(path)
+    recording = joined(_read_file(Path(path)), _read_file)
+    if recording.damage and not damaged_ok:
+        raise DamagedRecording(
+            f"'{path}' is damaged: {_first_lines(recording.damage)}. "
+            f"What can still be read: {_summary(recording)}."
+        )
+    return recording
+
+
+def _read_file(path: Path) -> Recording:
+    """What is left of one file."""
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
@@ -67,13 +81,7 @@ def read_recording(path: str | Path, *, damaged_ok: bool = False) -> Recording:
         raise NotARecording(f"'{path}' {what}; expected a recording") from error
     except OSError as error:
         raise RecordingError(f"cannot read '{path}': {error}") from error
-    recording = contents.recording()
-    if recording.damage and not damaged_ok:
-        raise DamagedRecording(
-            f"'{path}' is damaged: {_first_lines(recording.damage)}. "
-            f"What can still be read: {_summary(recording)}."
-        )
-    return recording
+    return contents.recording()
 
 
 class _Contents:
@@ -84,12 +92,15 @@ class _Contents:
         self._assembly = Assembly()
         self._damage: list[Damage] = []
         self._rig_toml: bytes | None = None
-        self._session = Session(software="")
+        self._session: Session | None = None
+        self._part = FIRST_PART
 
     def add(self, item: Header | Attachment | Metadata | Block | Damage) -> None:
         match item:
             case Header(profile, library):
-                if profile != PROFILE:
+                if profile != PROFILE and one_byte_off(profile, PROFILE):
+                    self._damage.append(Damage(0, f"a header of profile '{profile}'"))
+                elif profile != PROFILE:
                     raise NotARecording(
                         f"'{self._path}' is an MCAP file of profile '{profile}' (written by "
                         f"'{library}'), expected profile '{PROFILE}'"
@@ -98,11 +109,10 @@ class _Contents:
                 if name == RIG_ATTACHMENT and self._rig_toml is None:
                     self._rig_toml = data
             case Metadata(name, pairs):
-                if name == METADATA_NAME:
-                    try:
-                        self._session = from_metadata(pairs)
-                    except ValueError as error:
-                        self._damage.append(Damage(0, f"metadata '{name}': {error}"))
+                try:
+                    self._describe(name, pairs)
+                except ValueError as error:
+                    self._damage.append(Damage(0, f"metadata '{name}': {error}"))
             case Block():
                 try:
                     self._assembly.add(item)
@@ -110,6 +120,16 @@ class _Contents:
                     raise NotARecording(f"'{self._path}': {error}") from error
             case Damage():
                 self._damage.append(item)
+
+    def _describe(self, name: str, pairs: Mapping[str, str]) -> None:
+        self._part = self._part.with_metadata(name, pairs)
+        if name != METADATA_NAME:
+            return
+        session = from_metadata(pairs)
+        if self._session is None:
+            self._session = session
+        elif self._session != session:
+            raise ValueError("it stands there twice, and not alike; the first was taken")
 
     def recording(self) -> Recording:
         self._assembly.finish()
@@ -143,7 +163,7 @@ class _Contents:
             path=self._path,
             rig=rig,
             rig_toml=rig_toml,
-            session=self._session,
+            session=self._session or Session(software=""),
             readings={name: self._assembly.readings(name) for name in names},
             dwells=self._events(Dwell),
             marks=self._events(Mark),
@@ -155,11 +175,18 @@ class _Contents:
             damage=damage,
             states=self._events(StateChange),
             round_trips=self._events(RoundTrip),
+            part=self._part,
         )
 
     def _events(self, kind: type[_E]) -> tuple[_E, ...]:
         found = [event for event in self._assembly.events if isinstance(event, kind)]
         return tuple(sorted(found, key=lambda event: event.time_ns))
+
+
+def one_byte_off(found: str, expected: str) -> bool:
+    """Whether a text differs from the expected one as a single damaged byte makes it differ."""
+    pairs = list(zip(found, expected, strict=False))
+    return len(found) == len(expected) and sum(a != b for a, b in pairs) == 1
 
 
 def _first_lines(damage: tuple[str, ...]) -> str:

@@ -20,6 +20,7 @@ from recordings.events import (
     RoundTrip,
     StateChange,
 )
+from recordings.part import FIRST_PART, Part
 from recordings.rig import Rig
 from recordings.session import Session
 
@@ -63,6 +64,7 @@ class Recording:
         damage: what is wrong with the file, a line each; empty for a whole file.
         session_starts_ns: when each session began, where several were joined into one recording;
             empty as read from a file.
+        part: which part of a recording in several files it is, as read from one of them.
     """
 
     path: Path
@@ -81,3 +83,4 @@ class Recording:
     session_starts_ns: tuple[int, ...] = ()
     states: tuple[StateChange, ...] = ()
     round_trips: tuple[RoundTrip, ...] = ()
+    part: Part = FIRST_PART

@@ -1,87 +1,97 @@
 """Writes a recording.
 
-Owns the file from its creation, which never replaces another, to its summary, and keeps
-the loss ledger. Reads no clock: every time in the file is the time of an event.
+Owns the order of what is in the files, from their creation to their summaries, the turn
+from one part to the next, and an orderly end when the disk fails. Reads no clock: every
+time in a recording is the time of an event.
 """
 
 from __future__ import annotations
 
-import contextlib
 import struct
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from recordings import codec
-from recordings.container import Container
-from recordings.errors import RecordingError
-from recordings.events import Event, LedgerEntry, ModeCommand, ModeReport, Reading
+from recordings.errors import DiskFailed, RecordingError
+from recordings.events import Event, Fault, LedgerEntry, ModeCommand, ModeReport, Reading
+from recordings.ledger import Ledger, Losses
+from recordings.part import FIRST_PART, Part, old_parts, part_path
+from recordings.part_file import PROFILE, RIG_ATTACHMENT, PartFile
 from recordings.rig import SerialMechanism, parse_rig
-from recordings.session import METADATA_NAME, SOFTWARE, Session, to_metadata
+from recordings.rows import checked_columns
+from recordings.session import Session
+from recordings.storage import Storage, disk_error
+from recordings.topics import Topics
 from recordings.wire import encode_reading, encode_rows
 
-PROFILE = "loopcal"
-RIG_ATTACHMENT = "rig.toml"
-
-
-@dataclass(frozen=True, slots=True)
-class _Account:
-    """What the caller knows of one source's losses; totals since the start."""
-
-    expected: int
-    dropped_by_device: int
-    dropped_by_host: int
-    lost_in_gaps: int
-    gaps: int
+_SECOND = 1_000_000_000
 
 
 class Writer:
     """A recording being written. A context manager; one thread at a time.
 
     Args:
-        path: file to create.
+        path: file to create; the first one, where it is written in parts.
         rig_toml: the rig description, attached exactly as it is.
         session: who records, when and with what.
+        storage: how it is kept on disk.
 
     Raises:
         RigError: ``rig_toml`` is not a valid rig; nothing is created.
-        RecordingError: the file exists already, or cannot be created.
+        RecordingError: the file, or a part of this name, exists already; or it cannot be
+            created.
     """
 
-    def __init__(self, path: str | Path, rig_toml: str, session: Session) -> None:
-        self._path = Path(path)
+    def __init__(
+        self,
+        path: str | Path,
+        rig_toml: str,
+        session: Session,
+        storage: Storage | None = None,
+    ) -> None:
+        self._first_path = Path(path)
+        self._storage = storage or Storage()
+        self._rig_toml = rig_toml
+        self._session = session
         rig = parse_rig(rig_toml)
         self._channel_names = tuple(channel.name for channel in rig.channels)
         joints = rig.mechanism.places if isinstance(rig.mechanism, SerialMechanism) else ()
         self._joint_names = tuple(joints)
-        try:
-            self._file = self._path.open("xb")
-        except FileExistsError as error:
-            raise RecordingError(
-                f"'{path}' exists already, and a recording never replaces a file; "
-                "choose another name or move it away"
-            ) from error
-        except OSError as error:
-            raise RecordingError(f"cannot create the recording '{path}': {error}") from error
-        self._time_ns = session.start_ns
-        self._schema_ids: dict[codec.Kind, int] = {}
-        self._channel_ids: dict[tuple[codec.Kind, str], int] = {}
-        self._received = dict.fromkeys(self._channel_names, 0)
-        self._accounts: dict[str, _Account] = {}
-        self._kept_by_caller: set[str] = set()
+        self._time_ns = self._part_start_ns = session.start_ns
+        self._ledger = Ledger()
         self._closed = False
-        try:
-            self._container = Container(self._file, PROFILE, SOFTWARE)
-            rig_bytes = rig_toml.encode("utf-8")
-            self._container.attach(RIG_ATTACHMENT, "application/toml", rig_bytes, session.start_ns)
-            self._container.add_metadata(METADATA_NAME, to_metadata(session))
-            self._file.flush()
-        except OSError as error:
-            raise self._failed(error) from error
+        if self._storage.rotate_bytes is not None or self._storage.rotate_s is not None:
+            _refuse_old_parts(self._first_path)
+        self._file = self._open(FIRST_PART)
+        self._topics = Topics(self._file.container)
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The files written so far, in order."""
+        numbers = range(1, self._file.part.number + 1)
+        return tuple(part_path(self._first_path, number) for number in numbers)
+
+    @property
+    def nearly_full(self) -> str:
+        """What to tell the operator where the disk has less room than the reserve, or "".
+
+        The reserve is there to end the session with: drives made safe, ledger and summary
+        written.
+        """
+        room = self._file.room()
+        if room >= self._storage.reserve_bytes:
+            return ""
+        return (
+            f"the disk is nearly full: '{self._file.path}' can grow by {room / 1e6:.1f} MB, "
+            f"less than the reserve of {self._storage.reserve_bytes / 1e6:.1f} MB; make room, "
+            "or record to another disk"
+        )
 
     def write(self, event: Event) -> None:
         """Record one event.
@@ -90,13 +100,10 @@ class Writer:
         the caller's to keep.
 
         Raises:
-            RecordingError: its channel or joint is not in the rig, a number does not fit, the
-                recording is closed, or the disk failed.
+            RecordingError: its channel or joint is not in the rig, a number does not fit, or
+                the recording is closed.
+            DiskFailed: the disk is full or failed, and the recording ends here.
         """
-        if isinstance(event, Reading):
-            self._append(codec.READING, event.channel, event)
-            self._received[event.channel] += 1
-            return
         kind = codec.kind_of(event)
         subject = "" if kind.subject is None else str(getattr(event, kind.subject))
         if isinstance(event, ModeCommand | ModeReport) and event.joint not in self._joint_names:
@@ -104,8 +111,9 @@ class Writer:
                 f"'{event.joint}' is not a joint of the rig; joints: {_list(self._joint_names)}"
             )
         if isinstance(event, LedgerEntry):
-            self._kept_by_caller.add(event.source)
+            self._ledger.take(event)
         self._append(kind, subject, event)
+        self._turn_if_due()
 
     def write_readings(
         self,
@@ -130,37 +138,26 @@ class Writer:
             flags: (n,) `ReadingFlag` bits, or None for no flags.
 
         Raises:
-            RecordingError: unknown channel, a value that does not fit, closed, or disk failed.
+            RecordingError: unknown channel, a value that does not fit, or closed.
+            DiskFailed: the disk is full or failed, and the recording ends here.
             ValueError: the arrays are not one-dimensional integers of one length.
         """
-        columns = {
-            "time_ns": _column("time_ns", time_ns, 0, 2**63 - 1),
-            "raw": _column("raw", raw, -(2**63), 2**63 - 1),
-        }
-        if device_time_ns is not None:
-            name = "device_time_ns"
-            columns[name] = _column(name, device_time_ns, -(2**63), 2**63 - 1)
-        if sequence is not None:
-            columns["sequence"] = _column("sequence", sequence, 0, 2**32 - 1)
-        if flags is None:
-            columns["flags"] = np.zeros(len(columns["time_ns"]), np.uint32)
-        else:
-            columns["flags"] = _column("flags", flags, 0, 2**32 - 1)
-        lengths = {name: len(column) for name, column in columns.items()}
-        if len(set(lengths.values())) > 1:
-            raise ValueError(f"columns of '{channel}' differ in length: {lengths}")
+        given = {"time_ns": time_ns, "raw": raw, "device_time_ns": device_time_ns}
+        columns = checked_columns(channel, given | {"sequence": sequence, "flags": flags})
         count = len(columns["time_ns"])
         if count == 0:
             return
         self._check_open()
         channel_id = self._channel_id(codec.READING, channel)
-        rows = encode_rows(channel_id, self._container.count(channel_id), columns)
+        before = self._file.container.sequence(channel_id)
+        rows = encode_rows(channel_id, before, columns)
         try:
-            self._container.add_rows(channel_id, rows)
+            self._file.container.add_rows(channel_id, rows)
         except OSError as error:
-            raise self._failed(error) from error
+            left = before + count - self._file.container.sequence(channel_id)
+            raise self._failed(error, {channel_id: left}) from error
         self._time_ns = max(self._time_ns, int(columns["time_ns"].max()))
-        self._received[channel] += count
+        self._turn_if_due()
 
     def account(
         self,
@@ -181,49 +178,49 @@ class Writer:
             RecordingError: ``source`` is not a channel of the rig.
         """
         self._check_channel(source)
-        self._accounts[source] = _Account(
-            expected, dropped_by_device, dropped_by_host, lost_in_gaps, gaps
-        )
+        losses = Losses(expected, dropped_by_device, dropped_by_host, lost_in_gaps, gaps)
+        self._ledger.account(source, losses)
 
     def ledger(self, time_ns: int | None = None) -> tuple[LedgerEntry, ...]:
         """The ledger as it stands, an entry a channel; as of ``time_ns`` or the last event."""
+        at = self._time_ns if time_ns is None else time_ns
         return tuple(
-            self._entry(source, self._time_ns if time_ns is None else time_ns)
-            for source in self._channel_names
+            self._ledger.entry(name, self._topics.received(name), at)
+            for name in self._channel_names
         )
 
     def flush(self, time_ns: int | None = None) -> None:
         """Write the ledger, close the chunk, and hand everything to the operating system.
 
-        After it, a crash of this process costs nothing of what was written before.
+        After it, a crash of this process costs nothing of what was written before; with
+        `Sync.FLUSH`, power loss does not either.
 
         Args:
             time_ns: host time now, for the ledger; the time of the last event where None.
 
         Raises:
-            RecordingError: the recording is closed, or the disk failed.
+            RecordingError: the recording is closed.
+            DiskFailed: the disk is full or failed, and the recording ends here.
         """
         self._check_open()
-        for entry in self.ledger(time_ns):
-            if entry.source not in self._kept_by_caller:
-                self._append(codec.kind_of(entry), entry.source, entry)
+        self._write_ledger(time_ns)
         try:
-            self._container.end_chunk()
+            self._file.flush()
         except OSError as error:
             raise self._failed(error) from error
+        self._turn_if_due()
 
     def close(self) -> None:
         """Write the ledger and the summary, and close the file. Does nothing when closed.
 
         Raises:
-            RecordingError: the disk failed; what was flushed before stays readable.
+            DiskFailed: the disk is full or failed; what was flushed before stays readable.
         """
         if self._closed:
             return
-        self.flush()
+        self._write_ledger(None)
         try:
-            self._container.finish()
-            self._file.close()
+            self._file.finish()
         except OSError as error:
             raise self._failed(error) from error
         self._closed = True
@@ -243,7 +240,7 @@ class Writer:
         self._check_open()
         channel_id = self._channel_id(kind, subject)
         try:
-            self._container.add(channel_id, event.time_ns, _payload(event))
+            self._file.container.add(channel_id, event.time_ns, _payload(event))
         except (struct.error, ValueError) as error:
             raise RecordingError(f"cannot record {event}: {error}") from error
         except OSError as error:
@@ -252,52 +249,112 @@ class Writer:
 
     def _channel_id(self, kind: codec.Kind, subject: str) -> int:
         """MCAP channel of a kind's events about ``subject``, registered at its first use."""
-        channel_id = self._channel_ids.get((kind, subject))
-        if channel_id is None:
-            if kind is codec.READING:
-                self._check_channel(subject)
-            if kind not in self._schema_ids:
-                data = codec.schema_data(kind)
-                self._schema_ids[kind] = self._container.register_schema(kind.schema_name, data)
-            channel_id = self._container.register_channel(
-                kind.topic(subject), self._schema_ids[kind]
-            )
-            self._channel_ids[kind, subject] = channel_id
-        return channel_id
+        found = self._topics.find(kind, subject)
+        if found is not None:
+            return found
+        if kind is codec.READING:
+            self._check_channel(subject)
+        return self._topics.register(kind, subject)
 
-    def _entry(self, source: str, time_ns: int) -> LedgerEntry:
-        received = self._received[source]
-        account = self._accounts.get(source, _Account(received, 0, 0, 0, 0))
-        return LedgerEntry(
-            source=source,
-            time_ns=time_ns,
-            expected=account.expected,
-            received=received,
-            dropped_by_device=account.dropped_by_device,
-            dropped_by_host=account.dropped_by_host,
-            lost_in_gaps=account.lost_in_gaps,
-            gaps=account.gaps,
+    def _write_ledger(self, time_ns: int | None, *, of_caller: bool = False) -> None:
+        for entry in self.ledger(time_ns):
+            if of_caller or not self._ledger.is_kept_by_caller(entry.source):
+                self._append(codec.kind_of(entry), entry.source, entry)
+
+    def _open(self, part: Part) -> PartFile:
+        path = part_path(self._first_path, part.number)
+        return PartFile(path, self._rig_toml, self._session, part, self._storage.sync)
+
+    def _turn_if_due(self) -> None:
+        """Go on in the next part where this one is large or long enough."""
+        size, seconds = self._storage.rotate_bytes, self._storage.rotate_s
+        due = size is not None and self._file.container.size >= size
+        due |= seconds is not None and self._time_ns - self._part_start_ns >= seconds * _SECOND
+        if not due or self._file.is_empty:
+            return
+        old = self._file
+        part = Part(
+            number=old.part.number + 1,
+            previous_file=old.path.name,
+            received_before={name: self._topics.received(name) for name in self._channel_names},
         )
+        try:
+            new = self._open(part)
+        except RecordingError as error:
+            # Better a part that is too long than none: the session goes on in this one.
+            self._storage = replace(self._storage, rotate_bytes=None, rotate_s=None)
+            text = f"no further part was begun: {error}"
+            fault = Fault(self._time_ns, "recording", "rotation", text)
+            self._append(codec.kind_of(fault), "", fault)
+            return
+        try:
+            self._write_ledger(None)
+            old.finish(new.path.name)
+        except OSError as error:
+            new.discard()
+            raise self._failed(error) from error
+        except DiskFailed:
+            new.discard()
+            raise
+        self._file, self._part_start_ns = new, self._time_ns
+        self._topics = self._topics.carried_to(new.container)
+        self._write_ledger(None, of_caller=True)
+        try:
+            new.flush()
+        except OSError as error:
+            raise self._failed(error) from error
 
     def _check_channel(self, name: str) -> None:
-        if name not in self._received:
+        if name not in self._channel_names:
             raise RecordingError(
                 f"'{name}' is not a channel of the rig; channels: {_list(self._channel_names)}"
             )
 
     def _check_open(self) -> None:
         if self._closed:
-            raise RecordingError(f"the recording '{self._path}' is closed")
+            raise RecordingError(f"the recording '{self._file.path}' is closed")
 
-    def _failed(self, error: OSError) -> RecordingError:
-        # Nothing behind a failed write could be read, so the file ends here. Closing it tries
-        # to write once more, and fails as the first time, which is what gets reported.
+    def _failed(self, error: OSError, not_taken: Mapping[int, int] | None = None) -> DiskFailed:
+        """End the recording behind what was written, with a ledger that says what was lost.
+
+        Args:
+            error: why a write failed.
+            not_taken: messages of each MCAP channel that were handed over and not even tried.
+        """
         self._closed = True
-        with contextlib.suppress(OSError):
-            self._file.close()
-        return RecordingError(
-            f"cannot write to the recording '{self._path}': {error}; "
-            "what was written before stays readable"
+        lost = Counter(self._file.container.abandon_chunk())
+        lost.update(not_taken or {})
+        names = self._topics.readings()
+        readings = {names[key]: count for key, count in lost.items() if count and key in names}
+        for channel, count in readings.items():
+            self._ledger.lose(channel, count)
+        others = lost.total() - sum(readings.values())
+        told = f"{sum(readings.values())} readings and {others} other messages are lost"
+        text = f"{disk_error(error)}; {told}"
+        try:
+            fault = Fault(self._time_ns, "recording", "disk", text)
+            last: list[Event] = [fault, *self.ledger()]
+            for event in last:
+                kind = codec.kind_of(event)
+                channel_id = self._channel_id(kind, getattr(event, kind.subject or "", ""))
+                self._file.container.add(channel_id, event.time_ns, _payload(event))
+            self._file.finish()
+            ended = "the recording was closed, with all that was written before and its ledger"
+        except OSError:
+            self._file.leave()
+            ended = (
+                "the recording could not be closed; `loopcal recover` reads what was written before"
+            )
+        return DiskFailed(
+            f"cannot go on with the recording '{self._file.path}': {text}; {ended}", readings
+        )
+
+
+def _refuse_old_parts(first: Path) -> None:
+    for path in old_parts(first):
+        raise RecordingError(
+            f"'{path}' exists already, and would be taken for a part of '{first}'; choose "
+            "another name or move it away"
         )
 
 
@@ -305,17 +362,6 @@ def _payload(event: Event) -> bytes:
     if isinstance(event, Reading):
         return encode_reading(event.raw, event.device_time_ns, event.sequence, event.flags)
     return codec.encode(event)
-
-
-def _column(name: str, values: ArrayLike, low: int, high: int) -> NDArray[Any]:
-    column = np.asarray(values)
-    if column.ndim != 1 or (column.size and column.dtype.kind not in "iu"):
-        raise ValueError(
-            f"'{name}' has shape {column.shape} of {column.dtype}, expected a row of integers"
-        )
-    if column.size and (int(column.min()) < low or int(column.max()) > high):
-        raise RecordingError(f"'{name}' has values outside {low} ... {high}")
-    return column
 
 
 def _list(names: tuple[str, ...]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import time
 from collections import Counter
@@ -20,7 +21,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from recordings import codec
 from recordings.container import CHUNK_BYTES
-from recordings.errors import RecordingError, RigError
+from recordings.errors import DiskFailed, RecordingError, RigError
 from recordings.events import (
     Dwell,
     Event,
@@ -33,6 +34,7 @@ from recordings.events import (
 )
 from recordings.reader import read_recording
 from recordings.session import Session
+from recordings.storage import RecordingFile
 from recordings.writer import Writer
 
 START_NS = 1_700_000_000_000_000_000
@@ -94,7 +96,7 @@ def test_summary_index_and_statistics_are_those_of_the_data(
     assert statistics.message_count == len(times) == 2 * 3000 + 30 + 2 * 31
     assert (statistics.message_start_time, statistics.message_end_time) == (min(times), max(times))
     assert statistics.chunk_count == len(summary.chunk_indexes) == 31
-    assert (statistics.attachment_count, statistics.metadata_count) == (1, 1)
+    assert (statistics.attachment_count, statistics.metadata_count) == (2, 2)
     assert statistics.channel_count == len(summary.channels) == 5
     assert statistics.schema_count == len(summary.schemas) == 3
     # The streaming reader checks the CRC of the whole data section too.
@@ -133,9 +135,10 @@ def test_rig_and_session_are_attached_as_they_are(
         pass
     with (tmp_path / "a.mcap").open("rb") as file:
         reader = make_reader(file)
-        (attachment,) = reader.iter_attachments()
-        (metadata,) = reader.iter_metadata()
-    assert (attachment.name, attachment.data) == ("rig.toml", text.encode())
+        attachments = list(reader.iter_attachments())
+        metadata, copy = reader.iter_metadata()
+    assert [(each.name, each.data) for each in attachments] == 2 * [("rig.toml", text.encode())]
+    assert metadata == copy
     assert metadata.name == "loopcal.session"
     assert metadata.metadata == {
         "session_id": "2023-11-14-a",
@@ -320,13 +323,14 @@ def test_a_failing_disk_ends_the_recording_and_keeps_what_was_flushed(
     writer.write(Reading("q1", START_NS, 1))
     writer.flush(START_NS)
 
-    def full(_: object) -> int:
-        raise OSError(28, "No space left on device")
+    def fail(*_: object) -> None:
+        raise OSError(errno.EIO, "Input/output error")
 
     writer.write(Reading("q1", START_NS + 1, 2))
-    monkeypatch.setattr(writer._container, "_put", full)
-    with pytest.raises(RecordingError, match=r"No space left.*written before stays readable"):
+    monkeypatch.setattr(RecordingFile, "write", fail)
+    with pytest.raises(DiskFailed, match=r"disk failed: Input/output.*written before") as caught:
         writer.flush(START_NS + 1)
+    assert caught.value.lost == {"q1": 1}
     with pytest.raises(RecordingError, match="is closed"):
         writer.write(Reading("q1", START_NS + 2, 3))
     writer.close()

@@ -1,0 +1,103 @@
+"""One file of a recording being written: how it begins, and how it ends.
+
+Owns what a file holds beside its messages: profile, rig, session, which part it is. The rig
+and the session stand in it twice, before the first chunk and behind it, because without
+them nothing of the file could be used.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+
+from recordings.container import Container
+from recordings.errors import RecordingError
+from recordings.part import NEXT_METADATA, PART_METADATA, Part, beginning, ending
+from recordings.session import METADATA_NAME, SOFTWARE, Session, to_metadata
+from recordings.storage import RecordingFile, Sync, disk_error
+
+PROFILE = "loopcal"
+RIG_ATTACHMENT = "rig.toml"
+
+
+class PartFile:
+    """A file with its container. One thread at a time.
+
+    Args:
+        path: the file to create.
+        rig_toml: the rig description.
+        session: who records.
+        part: which part of the recording it is.
+        sync: when it is forced to the disk.
+
+    Raises:
+        RecordingError: the file exists already, or cannot be created; then there is none.
+    """
+
+    def __init__(self, path: Path, rig_toml: str, session: Session, part: Part, sync: Sync) -> None:
+        self.path = path
+        self.part = part
+        self._rig_toml = rig_toml.encode("utf-8")
+        self._session = session
+        self._copied = False
+        self._file = RecordingFile(path, sync)
+        try:
+            self.container = Container(self._file, PROFILE, SOFTWARE)
+            self._describe()
+            if part.number > 1:
+                self.container.add_metadata(PART_METADATA, beginning(part))
+            self._file.flushed(first=True)
+        except OSError as error:
+            self.discard()
+            raise RecordingError(f"cannot create '{path}': {disk_error(error)}") from error
+        self._empty_size = self.container.size
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no chunk was written to it yet."""
+        return self.container.size == self._empty_size
+
+    def room(self) -> int:
+        """Bytes by which the file can still grow."""
+        return self._file.room()
+
+    def flush(self) -> None:
+        """Close the chunk and hand everything to the system; raises OSError where that fails."""
+        self.container.end_chunk()
+        self._copy()
+        self._file.flushed()
+
+    def finish(self, next_file: str = "") -> None:
+        """End it with its summary; raises OSError where the disk fails, and may then be called again.
+
+        Args:
+            next_file: name of the part that follows, or "".
+        """
+        self.container.end_chunk()
+        self._copy()
+        if next_file:
+            self.container.add_metadata(NEXT_METADATA, ending(self.part.number + 1, next_file))
+        self.container.finish()
+        self._file.close()
+
+    def leave(self) -> None:
+        """Close it as it is, because the disk failed."""
+        with contextlib.suppress(OSError):
+            self._file.close()
+
+    def discard(self) -> None:
+        """Take away a file that nothing was recorded to."""
+        self.leave()
+        with contextlib.suppress(OSError):
+            self.path.unlink()
+
+    def _describe(self) -> None:
+        start_ns = self._session.start_ns
+        self.container.attach(RIG_ATTACHMENT, "application/toml", self._rig_toml, start_ns)
+        self.container.add_metadata(METADATA_NAME, to_metadata(self._session))
+
+    def _copy(self) -> None:
+        """Describe the recording again, once; not again where the disk has no room for it."""
+        if not self._copied:
+            self._copied = True
+            self._describe()
