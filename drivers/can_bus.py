@@ -7,7 +7,8 @@ arrival, counts what is garbled, and raises `LinkBroken` when it is gone.
 Known habits of python-can 4.6 that are handled here: interfaces raise ValueError for a
 garbled frame, or pad a short payload in silence; ``send`` without a timeout may block for ever
 on a peer that does not read; time stamps follow the wall clock, so the arrival is stamped
-here. Its slcan interface is replaced by `drivers.slcan`. A board that resets when its port is
+here. Its slcan and socketcand interfaces are replaced by `drivers.slcan` and
+`drivers.socketcand`. A board that resets when its port is
 opened gets its time to come up, except on a pty or a URL, where there is none.
 """
 
@@ -23,14 +24,18 @@ from can.exceptions import error_check
 from can.interfaces import VALID_INTERFACES
 from pydantic import ValidationError
 
-from drivers.errors import LinkBroken, LinkClosed, OptionError, option_faults
+from drivers.errors import BadCommand, LinkBroken, LinkClosed, OptionError, option_faults
 from drivers.link import Clock
 from drivers.ports import DeviceLock, is_pseudo_terminal, open_error
-from drivers.slcan import BIT_RATES, SlcanBus, SlcanOptions
+from drivers.slcan import BIT_RATES, SlcanBus, SlcanMessage, SlcanOptions
+from drivers.socketcand import SocketcandBus, SocketcandOptions
 from recordings.rig import CanPort
+from recordings.rig.quantity import Described
 
 SEND_TIMEOUT_S = 0.25
 LONGEST = 8
+EXTENDED = 1 << 31
+"""Marks an identifier of 29 bits, as in DBC files."""
 
 # Without a handler of its own, Python prints a library's warnings to the terminal of the user.
 logging.getLogger("can").addHandler(logging.NullHandler())
@@ -38,17 +43,19 @@ logging.getLogger("can").addHandler(logging.NullHandler())
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A CAN data frame with an 11-bit identifier.
+    """A CAN data frame.
 
     Attributes:
-        cob_id: CAN identifier (CANopen: communication object identifier).
+        identifier: CAN identifier, with `EXTENDED` set where it has 29 bits.
         data: payload, 0 to 8 bytes.
         time_ns: when it arrived.
+        device_time_ns: the adapter's time stamp on a clock of its own, or None.
     """
 
-    cob_id: int
+    identifier: int
     data: bytes
     time_ns: int
+    device_time_ns: int | None = None
 
 
 class Bus(Protocol):
@@ -64,10 +71,13 @@ class Bus(Protocol):
 def connect(port: CanPort) -> Bus:
     """A python-can bus for ``port``; raises whatever the interface raises."""
     options: dict[str, Any] = dict(port.options)
-    if port.interface == "slcan" and ("://" in port.channel or is_pseudo_terminal(port.channel)):
-        options.setdefault("sleep_after_open", 0.0)
     if port.interface == "slcan":
+        if "://" in port.channel or is_pseudo_terminal(port.channel):
+            options.setdefault("sleep_after_open", 0.0)
+        options |= {"listen_only": port.listen_only, "time_stamps": port.adapter_time}
         return SlcanBus(port.channel, port.bitrate, **options)
+    if port.interface == "socketcand":
+        return SocketcandBus(port.channel, **options)
     return can.Bus(interface=port.interface, channel=port.channel, bitrate=port.bitrate, **options)
 
 
@@ -80,7 +90,6 @@ class CanBus:
         connect: makes the python-can bus.
 
     Attributes:
-        malformed: frames that made no sense, since the bus was made.
         error_frames: error frames of the controller, since the bus was made.
     """
 
@@ -92,14 +101,13 @@ class CanBus:
                 f"port '{port.name}': 'interface' is '{port.interface}', "
                 f"expected one of: {', '.join(sorted(VALID_INTERFACES))}"
             )
-        if port.interface == "slcan":
-            _check_slcan(port)
+        _check_options(port)
         self._port = port
         self._clock = clock
         self._connect = connect
         self._lock = DeviceLock()
         self._bus: Bus | None = None
-        self.malformed = 0
+        self._malformed = 0
         self.error_frames = 0
 
     def open(self) -> None:
@@ -113,9 +121,20 @@ class CanBus:
             self._lock.release()
             raise open_error(self._port.name, self._port.channel, error) from error
 
-    def send(self, cob_id: int, data: bytes) -> None:
-        """Send a data frame; raises LinkBroken or LinkClosed."""
-        message = can.Message(arbitration_id=cob_id, data=data, is_extended_id=False)
+    @property
+    def malformed(self) -> int:
+        """Frames that made no sense, since the bus was made."""
+        return self._malformed + int(getattr(self._bus, "malformed", 0))
+
+    def send(self, identifier: int, data: bytes) -> None:
+        """Send a data frame; raises BadCommand where the port listens only, LinkBroken, LinkClosed."""
+        if self._port.listen_only:
+            raise BadCommand(f"port '{self._port.name}' listens only; nothing may be sent on it")
+        message = can.Message(
+            arbitration_id=identifier & ~EXTENDED,
+            data=data,
+            is_extended_id=bool(identifier & EXTENDED),
+        )
         bus = self._open_bus()
         try:
             with error_check():
@@ -141,16 +160,18 @@ class CanBus:
         if message.is_error_frame:
             self.error_frames += 1
             return None
-        if message.is_extended_id or message.is_fd:
+        if message.is_fd:
             return None
         if message.dlc > LONGEST or len(message.data) != message.dlc:
-            self.malformed += 1
+            self._malformed += 1
             return None
-        return Frame(message.arbitration_id, bytes(message.data), time_ns)
+        identifier = message.arbitration_id | (EXTENDED if message.is_extended_id else 0)
+        return Frame(identifier, bytes(message.data), time_ns, self._device_time_ns(message))
 
     def close(self) -> None:
         """Let the bus go; harmless when it is not open."""
         bus, self._bus = self._bus, None
+        self._malformed += int(getattr(bus, "malformed", 0))
         try:
             if bus is not None:
                 with error_check():
@@ -168,8 +189,13 @@ class CanBus:
         except can.CanError as error:
             if not _is_garble(error):
                 raise
-            self.malformed += 1
+            self._malformed += 1
             return None
+
+    def _device_time_ns(self, message: can.Message) -> int | None:
+        if isinstance(message, SlcanMessage):
+            return message.adapter_ns
+        return round(message.timestamp * 1e9) if self._port.adapter_time else None
 
     def _open_bus(self) -> Bus:
         if self._bus is None:
@@ -180,14 +206,19 @@ class CanBus:
         return LinkBroken(f"port '{self._port.name}' at '{self._port.channel}' is gone: {error}")
 
 
-def _check_slcan(port: CanPort) -> None:
-    if port.bitrate not in BIT_RATES:
+OPTIONS: dict[str, type[Described]] = {"slcan": SlcanOptions, "socketcand": SocketcandOptions}
+
+
+def _check_options(port: CanPort) -> None:
+    if port.interface == "slcan" and port.bitrate not in BIT_RATES:
         known = ", ".join(map(str, BIT_RATES))
         raise OptionError(
             f"port '{port.name}': 'bitrate' is {port.bitrate}, slcan adapters know: {known}"
         )
+    if port.interface not in OPTIONS:
+        return
     try:
-        SlcanOptions.model_validate(port.options)
+        OPTIONS[port.interface].model_validate(port.options)
     except ValidationError as error:
         raise OptionError(
             f"port '{port.name}' has wrong options: {option_faults(error)}"

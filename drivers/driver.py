@@ -16,12 +16,12 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from drivers.link import Clock, Link
-from recordings.rig import CanPort, Channel, SerialPort
+from recordings.rig import CanPort, Channel, SerialPort, TcpPort
 from recordings.rig.quantity import Described
 
 Options = TypeVar("Options", bound=Described)
 Device = TypeVar("Device")
-Port = TypeVar("Port", CanPort, SerialPort)
+Port = TypeVar("Port", bound=CanPort | SerialPort | TcpPort)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +35,7 @@ class DeviceSpec(Generic[Options]):
         joint: joint that it moves, or None.
         channels: channels of the rig that it delivers, in file order.
         options: its options, valid.
+        file: text of the file that describes it, None where the rig names none.
     """
 
     name: str
@@ -43,6 +44,7 @@ class DeviceSpec(Generic[Options]):
     joint: str | None
     channels: tuple[Channel, ...]
     options: Options
+    file: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +53,12 @@ class Driver(Generic[Options, Device, Port]):
 
     Attributes:
         options: model of the options table of its devices.
-        port: kind of port that its devices are on.
+        ports: kinds of port that its devices can be on.
         make: makes a device; raises OptionError where the rig and the driver do not agree.
         link: makes the link of a port from all devices on it; raises OptionError likewise.
     """
 
     options: type[Options]
-    port: type[Port]
+    ports: tuple[type[Port], ...]
     make: Callable[[DeviceSpec[Options]], Device]
     link: Callable[[Port, Sequence[Device], Clock], Link]

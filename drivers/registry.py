@@ -7,25 +7,27 @@ is opened, with the key, what was found and what is allowed.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any
 
 from pydantic import ValidationError
 
-from drivers.canopen import encoder, joint
 from drivers.driver import DeviceSpec, Driver
 from drivers.errors import OptionError, option_faults
 from drivers.link import Clock, Link
-from drivers.modbus import adc
-from recordings.rig import CanPort, Device, Rig, SerialPort
+from recordings.rig import CanPort, Device, Rig, SerialPort, TcpPort
 
 GROUP = "loopcal.drivers"
 
-BUILT_IN: Mapping[str, Driver[Any, Any, Any]] = {
-    "canopen-encoder": encoder.DRIVER,
-    "canopen-joint": joint.DRIVER,
-    "modbus-adc": adc.DRIVER,
+Port = CanPort | SerialPort | TcpPort
+
+BUILT_IN: Mapping[str, str] = {
+    "canopen-encoder": "drivers.canopen.encoder",
+    "canopen-joint": "drivers.canopen.joint",
+    "modbus-adc": "drivers.modbus.adc",
 }
+"""Modules, imported when a rig uses them: each brings the libraries of its own protocol."""
 
 
 def driver_names() -> tuple[str, ...]:
@@ -36,7 +38,7 @@ def driver_names() -> tuple[str, ...]:
 def find_driver(name: str) -> Driver[Any, Any, Any]:
     """The driver called ``name``; raises OptionError."""
     if name in BUILT_IN:
-        return BUILT_IN[name]
+        return _driver_in(BUILT_IN[name])
     found = list(entry_points(group=GROUP, name=name))
     if not found:
         known = ", ".join(driver_names())
@@ -55,6 +57,11 @@ def find_driver(name: str) -> Driver[Any, Any, Any]:
     return driver
 
 
+def _driver_in(module: str) -> Driver[Any, Any, Any]:
+    driver: Driver[Any, Any, Any] = import_module(module).DRIVER
+    return driver
+
+
 def make_links(
     rig: Rig, clock: Clock, overrides: Mapping[str, str] | None = None
 ) -> tuple[Link, ...]:
@@ -63,7 +70,7 @@ def make_links(
     Args:
         rig: what is connected to what.
         clock: stamps what arrives and paces the sampling.
-        overrides: path (or CAN channel) to use instead of the rig's, by port name.
+        overrides: path (or CAN channel, or TCP address) to use instead of the rig's, by port name.
 
     Raises:
         OptionError: a device, its options or its channels do not fit its driver.
@@ -82,19 +89,24 @@ def make_links(
     return tuple(links)
 
 
-def _moved(port: CanPort | SerialPort, path: str | None) -> CanPort | SerialPort:
+def _moved(port: Port, path: str | None) -> Port:
     if path is None:
         return port
-    return port.model_copy(update={"channel" if isinstance(port, CanPort) else "path": path})
+    key = {"can": "channel", "serial": "path", "tcp": "address"}[port.kind]
+    try:
+        return type(port).model_validate({**port.model_dump(), key: path})
+    except ValidationError as error:
+        raise OptionError(f"port '{port.name}': {option_faults(error)}") from error
 
 
-def _link(rig: Rig, port: CanPort | SerialPort, devices: list[Device], clock: Clock) -> Link:
+def _link(rig: Rig, port: Port, devices: list[Device], clock: Clock) -> Link:
     drivers = [find_driver(device.driver) for device in devices]
     for device, driver in zip(devices, drivers, strict=True):
-        if not isinstance(port, driver.port):
+        if not isinstance(port, driver.ports):
+            kinds = (kind.model_fields["kind"].annotation.__args__[0] for kind in driver.ports)
             raise OptionError(
                 f"device '{device.name}' has the driver '{device.driver}', which needs a port "
-                f"of kind '{driver.port.model_fields['kind'].annotation.__args__[0]}', "
+                f"of kind {' or '.join(map(repr, kinds))}, "
                 f"but its port '{port.name}' is of kind '{port.kind}'"
             )
         if driver.link is not drivers[0].link:
@@ -125,4 +137,5 @@ def _spec(rig: Rig, device: Device, driver: Driver[Any, Any, Any]) -> DeviceSpec
         joint=device.joint,
         channels=channels,
         options=options,
+        file=None if device.file is None else rig.files[device.file],
     )

@@ -2,14 +2,18 @@
 
 python-can's own slcan bus reads byte by byte: at the frame rates of an arm it takes a third
 of a processor, and above 5,000 frames/s it loses frames. This one takes whatever has arrived
-at once. It is a python-can bus like any other.
+at once. It is a python-can bus like any other, also for other programs: the entry point
+``loopcal-slcan`` of the group ``can.interface`` makes it
+``can.Bus(interface="loopcal-slcan", channel="/dev/ttyACM0", bitrate=1_000_000)``.
 
     adapter -> host   t iii l dd..   data frame, 11-bit id;   T iiiiiiii l dd..   29-bit id
                       r iii l        remote frame;            R iiiiiiii l
                       z, Z           a sent frame was taken;  BELL  a command was refused
-    host -> adapter   t, T as above; C close, Sn bit rate, O open, L listen only
+    host -> adapter   t, T as above; C close, Sn bit rate, O open, L listen only, Z1 stamp frames
     each ended by CR, BELL excepted. Four hex digits behind the data are the adapter's time
-    stamp [ms], when it was told to send them; they are passed over.
+    stamp [ms], modulo 60,000, when it was told to send them.
+
+Lines that are neither are counted (`SlcanBus.malformed`) and passed over.
 
 Source: Lawicel, "CAN232 manual" and "CANUSB manual", chapter "Available CANUSB ASCII commands".
 """
@@ -21,9 +25,10 @@ from collections import deque
 from typing import Any
 
 import can
-import serial  # type: ignore[import-untyped]
+from can.exceptions import CanInitializationError, CanOperationError
 from pydantic import Field
 
+from drivers.serial_blocks import SerialBlocks
 from recordings.rig.quantity import Described
 
 BIT_RATES = {
@@ -42,8 +47,11 @@ LARGEST_STANDARD_ID, LARGEST_EXTENDED_ID = 0x7FF, 0x1FFF_FFFF
 LONGEST_DATA = 8
 LONGEST_LINE = 1 + 8 + 1 + 2 * LONGEST_DATA + 4
 STAMP_DIGITS = 4
-WRITE_TIMEOUT_S = 0.25
+STAMP_PERIOD_MS = 60_000
 SHOWN_BYTES = 40
+
+RELAXATION = 2e-4
+"""How fast an estimate of the adapter's offset gives way, so that it can follow a drifting clock."""
 
 
 class SlcanOptions(Described):
@@ -53,13 +61,27 @@ class SlcanOptions(Described):
         tty_baudrate: baud rate of the serial line to the adapter; a USB adapter ignores it.
         sleep_after_open: time that a board takes to come up, if opening its port resets it [s].
         rtscts: hardware handshake on the serial line.
-        listen_only: receive only, without acknowledging frames.
     """
 
     tty_baudrate: int = Field(default=115_200, gt=0)
     sleep_after_open: float = Field(default=2.0, ge=0, le=60)
     rtscts: bool = False
-    listen_only: bool = False
+
+
+class SlcanMessage(can.Message):
+    """A received frame.
+
+    Attributes:
+        stamp_ms: the adapter's own time stamp, 0 to 59,999, or None where it sent none.
+        adapter_ns: the same continued without end since the first [ns], or None.
+    """
+
+    __slots__ = ("adapter_ns", "stamp_ms")
+
+    def __init__(self, **fields: Any) -> None:
+        super().__init__(**fields)
+        self.stamp_ms: int | None = None
+        self.adapter_ns: int | None = None
 
 
 class Garbled(ValueError):
@@ -76,7 +98,7 @@ def encode(message: can.Message) -> bytes:
     return f"{head}{data}".encode() + CR
 
 
-def decode(line: bytes) -> can.Message | None:
+def decode(line: bytes) -> SlcanMessage | None:
     """The frame of a line (without its CR), None for a reply to a command; raises Garbled."""
     if line[:1] not in (b"t", b"T", b"r", b"R"):
         if line in (b"", b"z", b"Z") or line[:1] in (b"V", b"N", b"F"):
@@ -95,13 +117,18 @@ def decode(line: bytes) -> can.Message | None:
         raise Garbled(f"the adapter sent {_shown(line)}, whose length is not {length} bytes")
     if identifier > (LARGEST_EXTENDED_ID if extended else LARGEST_STANDARD_ID):
         raise Garbled(f"the adapter sent {_shown(line)}, whose identifier is too large")
-    return can.Message(
+    message = SlcanMessage(
         arbitration_id=identifier,
         is_extended_id=extended,
         is_remote_frame=remote,
         dlc=length,
         data=data[:length],
     )
+    if digits > expected:
+        message.stamp_ms = int(line[-STAMP_DIGITS:], 16)
+        if message.stamp_ms >= STAMP_PERIOD_MS:
+            raise Garbled(f"the adapter sent {_shown(line)}, whose time stamp is above 59,999 ms")
+    return message
 
 
 def _shown(line: bytes) -> str:
@@ -124,17 +151,60 @@ class LineBuffer:
         return lines
 
 
+class AdapterClock:
+    """Continues the adapter's time stamps, and says when their frames arrived. Pure.
+
+    What the host sees of a frame's time is late by the transport, never early. So the smallest
+    difference between the two clocks is the best estimate of their offset; it gives way by
+    `RELAXATION` of the time that passes, to follow drift.
+    """
+
+    def __init__(self) -> None:
+        self._total_ms: int | None = None
+        self._host_s = 0.0
+        self._offset_s = 0.0
+
+    def read(self, stamp_ms: int, host_s: float) -> tuple[int, float]:
+        """Take a stamp that the host saw at ``host_s``.
+
+        Returns:
+            the adapter's time since the first stamp's minute began [ns], and the time of the
+            frame on the host's clock [s].
+        """
+        if self._total_ms is None:
+            self._total_ms = stamp_ms
+            self._offset_s = host_s - stamp_ms * 1e-3
+        else:
+            # The stamps wrap every minute; the host's time tells how often they did in a pause.
+            since_ms = round((host_s - self._host_s) * 1e3)
+            half = STAMP_PERIOD_MS // 2
+            surplus = (stamp_ms - self._total_ms - since_ms + half) % STAMP_PERIOD_MS - half
+            self._total_ms += since_ms + surplus
+            self._offset_s += RELAXATION * (host_s - self._host_s)
+        self._host_s = host_s
+        self._offset_s = min(self._offset_s, host_s - self._total_ms * 1e-3)
+        return self._total_ms * 1_000_000, self._total_ms * 1e-3 + self._offset_s
+
+
 class SlcanBus(can.BusABC):
     """An slcan adapter on a serial port, a pty, or any URL that pyserial knows.
 
     Args:
         channel: path or URL; ``PATH@BAUD`` sets the baud rate of the line.
         bitrate: bit rate of the bus [bit/s]; one of `BIT_RATES`.
-        tty_baudrate, sleep_after_open, rtscts, listen_only: see `SlcanOptions`.
+        tty_baudrate, sleep_after_open, rtscts: see `SlcanOptions`.
+        listen_only: receive only, without acknowledging frames.
+        time_stamps: tell the adapter to stamp frames. Stamps that come are always used.
+
+    Attributes:
+        malformed: lines that made no sense, since the bus was opened.
+
+    ``timestamp`` of a received message is its arrival [s since the Unix epoch]: by the
+    adapter's time stamps where there are any, else when the host read it.
 
     Raises:
         ValueError: a bit rate that adapters do not know.
-        OSError: the port cannot be opened.
+        CanInitializationError: the port cannot be opened.
     """
 
     def __init__(
@@ -146,65 +216,74 @@ class SlcanBus(can.BusABC):
         sleep_after_open: float = 2.0,
         rtscts: bool = False,
         listen_only: bool = False,
+        time_stamps: bool = False,
         **kwargs: Any,
     ) -> None:
         if bitrate not in BIT_RATES:
             known = ", ".join(map(str, BIT_RATES))
             raise ValueError(f"the bit rate is {bitrate}, expected one of: {known}")
         path, _, baudrate = channel.partition("@")
+        self.malformed = 0
         self._lines = LineBuffer()
         self._received: deque[bytes] = deque()
+        self._received_s = 0.0
+        self._clock = AdapterClock()
         self.channel_info = f"slcan {channel}"
         self._can_protocol = can.CanProtocol.CAN_20
-        self._serial = serial.serial_for_url(
-            path,
-            baudrate=int(baudrate or tty_baudrate),
-            rtscts=rtscts,
-            timeout=0.0,
-            write_timeout=WRITE_TIMEOUT_S,
-        )
+        try:
+            self._port = SerialBlocks(path, baudrate=int(baudrate or tty_baudrate), rtscts=rtscts)
+        except OSError as error:
+            raise CanInitializationError(f"cannot open '{path}': {error}") from error
+        stamps = (b"Z1",) if time_stamps else ()
         try:
             time.sleep(sleep_after_open)
-            for command in (b"C", BIT_RATES[bitrate], b"L" if listen_only else b"O"):
-                self._serial.write(command + CR)
-        except OSError:
-            self._serial.close()
-            raise
+            for command in (b"C", BIT_RATES[bitrate], *stamps, b"L" if listen_only else b"O"):
+                self._port.write(command + CR)
+        except OSError as error:
+            self._port.close()
+            raise CanInitializationError(f"cannot set up '{path}': {error}") from error
         super().__init__(channel, **kwargs)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a frame, waiting at most 0.25 s for the line; raises OSError."""
-        self._serial.write(encode(msg))
+        """Send a frame, waiting at most 0.25 s for the line; raises CanOperationError."""
+        try:
+            self._port.write(encode(msg))
+        except OSError as error:
+            raise CanOperationError(f"{self.channel_info} is gone: {error}") from error
 
     def shutdown(self) -> None:
         """Close the CAN channel and the port; a port that is gone is closed all the same."""
         super().shutdown()
         try:
-            self._serial.write(b"C" + CR)
+            self._port.write(b"C" + CR)
+        except OSError:
+            # An adapter that is gone cannot take the farewell, and nothing depends on it.
+            return
         finally:
-            self._serial.close()
-
-    def fileno(self) -> int:
-        """Descriptor of the port."""
-        return int(self._serial.fileno())
+            self._port.close()
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self._received:
-            self._received.extend(self._lines.feed(self._read(timeout)))
+            try:
+                data = self._port.read(timeout)
+            except OSError as error:
+                raise CanOperationError(f"{self.channel_info} is gone: {error}") from error
+            self._received_s = time.time()
+            self._received.extend(self._lines.feed(data))
         while self._received:
-            message = decode(self._received.popleft())
+            try:
+                message = decode(self._received.popleft())
+            except Garbled:
+                self.malformed += 1
+                continue
             if message is not None:
-                return message, False
+                return self._stamped(message), False
         return None, False
 
-    def _read(self, timeout: float | None) -> bytes:
-        """All that is there; if nothing is, what comes first within ``timeout`` seconds."""
-        if not self._serial.in_waiting:
-            if timeout is not None and timeout <= 0:
-                return b""
-            if timeout != self._serial.timeout:
-                self._serial.timeout = timeout
-            first: bytes = self._serial.read(1)
-            return first + self._serial.read(self._serial.in_waiting) if first else b""
-        data: bytes = self._serial.read(self._serial.in_waiting)
-        return data
+    def _stamped(self, message: SlcanMessage) -> SlcanMessage:
+        message.timestamp = self._received_s
+        if message.stamp_ms is not None:
+            message.adapter_ns, message.timestamp = self._clock.read(
+                message.stamp_ms, self._received_s
+            )
+        return message

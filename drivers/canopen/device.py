@@ -1,35 +1,23 @@
-"""What a CANopen device is to the link that serves it, and what the link is to the device."""
+"""What a CANopen node is to the master that serves it, and what the master is to the node."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Protocol
 
-from drivers.can_bus import Frame
+from drivers.can_device import CanDevice
 from drivers.canopen.sdo import Sdo
-from drivers.link import JointDrive
-from drivers.tally import Tally
 from recordings.events import Event
 
 
-@dataclass(frozen=True, slots=True)
-class Identity:
-    """What a device says that it is; ``problem`` is "" when that is what the rig expects."""
-
-    text: str
-    virtual: bool
-    problem: str = ""
-
-
 class Wire(Protocol):
-    """What a device may do on its bus."""
+    """What a node may do on its bus."""
 
     def now_ns(self) -> int:
         """Time of the session."""
         ...
 
-    def send(self, cob_id: int, data: bytes) -> None:
+    def send(self, identifier: int, data: bytes) -> None:
         """Send a frame; raises LinkBroken or LinkClosed."""
         ...
 
@@ -37,45 +25,24 @@ class Wire(Protocol):
         """Access to the object dictionary of a node."""
         ...
 
+    def vouch(self, until_ns: int) -> None:
+        """Send the master's heartbeat until then."""
+        ...
 
-class CanopenDevice(Protocol):
-    """A device on a CANopen bus.
 
-    ``receive``, ``sync``, ``emergency`` and the tallies are used by whoever serves the bus,
-    one thread at a time; they may not wait. ``identify`` and ``start`` may wait for answers.
+class CanopenDevice(CanDevice, Protocol):
+    """A node on a CANopen bus. Its identifiers are those of its PDOs.
 
     Attributes:
-        name: device name of the rig.
-        driver: driver name.
         node_id: 1 to 127.
         master_id: node id under which the device expects the master's heartbeat, or None.
-        cob_ids: identifiers of the frames that it wants, beside EMCY and boot-up.
-        tallies: of the channels that it delivers on each SYNC, by name.
-        drive: the joint drive that it is, or None.
     """
 
-    name: str
-    driver: str
     node_id: int
     master_id: int | None
-    cob_ids: tuple[int, ...]
-    tallies: Mapping[str, Tally]
-    drive: JointDrive | None
 
     def attach(self, wire: Wire) -> None:
         """Belong to a bus; called once, before anything else."""
-        ...
-
-    def identify(self) -> Identity:
-        """Ask it who it is; raises DeviceSilent, DeviceRefused or LinkBroken."""
-        ...
-
-    def start(self) -> None:
-        """Set it up and make it operational; again after each interruption. Raises as `identify`."""
-        ...
-
-    def receive(self, frame: Frame) -> Sequence[Event]:
-        """Take a frame; raises Malformed."""
         ...
 
     def sync(self, time_ns: int) -> Sequence[Event]:

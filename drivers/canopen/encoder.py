@@ -23,15 +23,17 @@ from dataclasses import dataclass
 from pydantic import Field
 
 from drivers.can_bus import Frame
-from drivers.canopen.device import Identity, Wire
+from drivers.can_device import Identity
+from drivers.can_link import CanLink
+from drivers.canopen.device import Wire
 from drivers.canopen.identity import identify
-from drivers.canopen.link import NMT, NMT_START, CanopenLink
+from drivers.canopen.master import NMT, NMT_START, CanopenMaster
 from drivers.canopen.sdo import Sdo
 from drivers.counters import WrappingCounter
 from drivers.driver import DeviceSpec, Driver
 from drivers.errors import DeviceRefused, Malformed, OptionError
 from drivers.faults import FaultKind
-from drivers.link import JointDrive
+from drivers.link import JointDrive, Losses
 from drivers.schedule import SECOND
 from drivers.tally import Tally
 from recordings.events import Event, Fault, Reading, ReadingFlag
@@ -91,8 +93,10 @@ class SampleTrack:
         self._ticks = WrappingCounter(16)
         self._last_ns: int | None = None
 
-    def reading(self, sample: Sample, time_ns: int) -> Reading:
+    def reading(self, sample: Sample, time_ns: int, adapter_ns: int | None = None) -> Reading:
         """The reading of ``sample``, which arrived at ``time_ns``; it is counted.
+
+        ``adapter_ns`` is the adapter's time stamp: the device time of an encoder without a clock.
 
         A sample whose counter did not move is flagged STALE: the same sample, sent again.
         """
@@ -112,7 +116,9 @@ class SampleTrack:
             channel=self._channel,
             time_ns=time_ns,
             raw=sample.position,
-            device_time_ns=self._device_time_ns(sample, time_ns),
+            device_time_ns=adapter_ns
+            if sample.ticks is None
+            else self._device_time_ns(sample.ticks, time_ns),
             sequence=None if self._counter.value is None else self._counter.value % (1 << 32),
             flags=flags,
         )
@@ -122,13 +128,11 @@ class SampleTrack:
         self._counter.restart()
         self._ticks.restart()
 
-    def _device_time_ns(self, sample: Sample, time_ns: int) -> int | None:
-        if sample.ticks is None:
-            return None
+    def _device_time_ns(self, ticks: int, time_ns: int) -> int:
         # The ticks wrap every 6.6 s; the host's time tells how often they did in a longer pause.
         since_ns = 0 if self._last_ns is None else time_ns - self._last_ns
         self._last_ns = time_ns
-        self._ticks.advance(sample.ticks, expected=round(since_ns / TICK_NS))
+        self._ticks.advance(ticks, expected=round(since_ns / TICK_NS))
         return (self._ticks.value or 0) * TICK_NS
 
 
@@ -137,6 +141,8 @@ class Encoder:
 
     master_id: int | None = None
     drive: JointDrive | None = None
+    sends = True
+    service = CanopenMaster
 
     def __init__(self, spec: DeviceSpec[EncoderOptions]) -> None:
         if len(spec.channels) > 1:
@@ -151,8 +157,9 @@ class Encoder:
         self.name = spec.name
         self.driver = spec.driver
         self.node_id = spec.options.node_id
-        self.cob_ids: tuple[int, ...] = (0x80 + 0x100 * spec.options.tpdo + self.node_id,)
-        self.tallies: Mapping[str, Tally] = {channel.name: Tally() for channel in spec.channels}
+        self.identifiers = (0x80 + 0x100 * spec.options.tpdo + self.node_id,)
+        self.channels = tuple(channel.name for channel in spec.channels)
+        self.tallies = {name: Tally() for name in self.channels}
         self._tracks = [SampleTrack(name, tally) for name, tally in self.tallies.items()]
         self._parameters = 0x1800 + spec.options.tpdo - 1
         self._heard_ns: int | None = None
@@ -186,13 +193,33 @@ class Encoder:
     def receive(self, frame: Frame) -> Sequence[Event]:
         """Take a position PDO; raises Malformed."""
         sample = decode(frame.data)
-        events: list[Event] = [track.reading(sample, frame.time_ns) for track in self._tracks]
+        events: list[Event] = [
+            track.reading(sample, frame.time_ns, frame.device_time_ns) for track in self._tracks
+        ]
         self._heard_ns = frame.time_ns
         if self._silent:
             self._silent = False
             text = f"{self.name} answers again"
             events.insert(0, Fault(frame.time_ns, self.name, FaultKind.ANSWERING, text))
         return events
+
+    def serve(self, now_ns: int) -> Sequence[Event]:
+        """It is asked by SYNC alone."""
+        return ()
+
+    def due_ns(self) -> int | None:
+        """See `serve`."""
+        return None
+
+    def stop(self, now_ns: int) -> None:
+        """Nothing is asked of it any more."""
+
+    def interrupt(self) -> None:
+        """The port has gone away; the link counts what that costs."""
+
+    def losses(self, now_ns: int) -> Mapping[str, Losses]:
+        """Losses of its channel so far."""
+        return {name: tally.losses() for name, tally in self.tallies.items()}
 
     def sync(self, time_ns: int) -> Sequence[Event]:
         """A SYNC was sent: say so once when none has been answered for long."""
@@ -214,4 +241,4 @@ class Encoder:
             track.restart()
 
 
-DRIVER = Driver(options=EncoderOptions, port=CanPort, make=Encoder, link=CanopenLink)
+DRIVER = Driver(options=EncoderOptions, ports=(CanPort,), make=Encoder, link=CanLink)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.canopen.device import Identity
+from drivers.can_device import Identity
 from drivers.canopen.sdo import Sdo
 from drivers.errors import DeviceRefused
 

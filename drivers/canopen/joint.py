@@ -14,7 +14,8 @@ Wire contract (node id n, little-endian; all commands by SDO):
     TPDO1 0x180 + n  bytes 0-1 status word, byte 2 mode display if present; on SYNC or event
 
 FREE is profile torque with target torque 0. A drive is switched on only after its heartbeat
-consumer has been set, so that it falls into its safe state by itself when this program dies;
+consumer has been set and a first beat sent, which begins its watch: it falls into its safe state
+by itself when this program dies, hangs or no longer vouches for it (`JointDrive.vouch`);
 ``heartbeat_timeout_s = 0`` says that the drive has no such thing, or has it set up already.
 
 Options: ``node_id`` (1 to 127), ``master_id`` (default 127), ``heartbeat_timeout_s``
@@ -31,15 +32,17 @@ from typing import ClassVar
 from pydantic import Field, model_validator
 
 from drivers.can_bus import Frame
+from drivers.can_device import Identity
+from drivers.can_link import CanLink
 from drivers.canopen import cia402
 from drivers.canopen.cia402 import DriveState, Operation, State, decode, mode_of, state_of
-from drivers.canopen.device import Identity, Wire
+from drivers.canopen.device import Wire
 from drivers.canopen.identity import identify
-from drivers.canopen.link import NMT, NMT_START, CanopenLink
+from drivers.canopen.master import HEARTBEAT, NMT, NMT_START, OPERATIONAL, CanopenMaster
 from drivers.canopen.sdo import Sdo
 from drivers.driver import DeviceSpec, Driver
 from drivers.errors import BadCommand, DeviceRefused, OptionError
-from drivers.link import JointDrive
+from drivers.link import JointDrive, Losses
 from drivers.schedule import SECOND
 from drivers.tally import Tally
 from recordings.events import Event, Mode, ModeReport
@@ -81,6 +84,8 @@ class CanopenJoint:
     """One joint drive. See `drivers.link.JointDrive` and `drivers.canopen.device.CanopenDevice`."""
 
     tallies: Mapping[str, Tally]
+    sends = True
+    service = CanopenMaster
 
     def __init__(self, spec: DeviceSpec[JointOptions]) -> None:
         if spec.joint is None:
@@ -96,7 +101,8 @@ class CanopenJoint:
         self.node_id = spec.options.node_id
         self._master_id = spec.options.master_id
         self.master_id: int | None = self._master_id
-        self.cob_ids: tuple[int, ...] = (0x180 + self.node_id,)
+        self.identifiers = (0x180 + self.node_id,)
+        self.channels: tuple[str, ...] = ()
         self.tallies = {}
         self.drive: JointDrive | None = self
         self._heartbeat_ms = round(spec.options.heartbeat_timeout * 1000)
@@ -169,6 +175,10 @@ class CanopenJoint:
             self._sdo.write(0x6071, 0, permille, size=2)
             self._torque = permille
 
+    def vouch(self, until_ns: int) -> None:
+        """See `drivers.link.JointDrive.vouch`."""
+        self._wire.vouch(until_ns)
+
     def report(self) -> ModeReport:
         """What it says it is doing, at most 0.2 s old; raises as `identify`."""
         shown = self._latest
@@ -187,6 +197,24 @@ class CanopenJoint:
             display = Operation.NONE if self._latest is None else self._latest.display
         self._latest = DriveState(status, display, frame.time_ns)
         return self._changes(self._latest)
+
+    def serve(self, now_ns: int) -> Sequence[Event]:
+        """Whatever is sent to it is a command or the master's heartbeat."""
+        return ()
+
+    def due_ns(self) -> int | None:
+        """See `serve`."""
+        return None
+
+    def stop(self, now_ns: int) -> None:
+        """It delivers no channel."""
+
+    def interrupt(self) -> None:
+        """The port has gone away; `start` sets it up anew."""
+
+    def losses(self, now_ns: int) -> Mapping[str, Losses]:
+        """It delivers no channel."""
+        return {}
 
     def sync(self, time_ns: int) -> Sequence[Event]:
         """SYNC asks nothing of a drive: it may report by event."""
@@ -234,6 +262,8 @@ class CanopenJoint:
                 f"joint would stay powered if this program died. If the drive is guarded in "
                 f"another way, set heartbeat_timeout_s = 0"
             ) from error
+        # The watch of CiA 301 begins with the first beat: no drive is ever powered without.
+        self._wire.send(HEARTBEAT + self._master_id, bytes([OPERATIONAL]))
         self._guarded = True
 
     def _switch_on(self, operation: Operation) -> None:
@@ -316,4 +346,4 @@ class CanopenJoint:
         return self._latest
 
 
-DRIVER = Driver(options=JointOptions, port=CanPort, make=CanopenJoint, link=CanopenLink)
+DRIVER = Driver(options=JointOptions, ports=(CanPort,), make=CanopenJoint, link=CanLink)

@@ -190,4 +190,4 @@ class ModbusAdc:
         self._owes_a_reply = False
 
 
-DRIVER = Driver(options=AdcOptions, port=SerialPort, make=ModbusAdc, link=ModbusLink)
+DRIVER = Driver(options=AdcOptions, ports=(SerialPort,), make=ModbusAdc, link=ModbusLink)

@@ -7,8 +7,8 @@ import can.interfaces.virtual
 import pytest
 
 from drivers import can_bus
-from drivers.can_bus import CanBus, connect
-from drivers.errors import LinkBroken, LinkClosed, OptionError, PortBusy, PortNotFound
+from drivers.can_bus import EXTENDED, CanBus, connect
+from drivers.errors import BadCommand, LinkBroken, LinkClosed, OptionError, PortBusy, PortNotFound
 from recordings.rig import CanPort
 
 PORT = CanPort(kind="can", name="bus", interface="virtual", channel="unused")
@@ -49,7 +49,7 @@ def message(**fields) -> can.Message:
 def test_a_frame_is_stamped_with_our_time_not_the_adapters(clock):
     bus = scripted(clock, message(timestamp=12.5))
     frame = bus.receive(0.0)
-    assert (frame.cob_id, frame.data, frame.time_ns) == (0x181, b"\1\2\3\4", clock.now_ns())
+    assert (frame.identifier, frame.data, frame.time_ns) == (0x181, b"\1\2\3\4", clock.now_ns())
 
 
 @pytest.mark.parametrize(
@@ -73,11 +73,50 @@ def test_error_frames_are_counted_and_others_passed_over(clock):
         clock,
         message(is_error_frame=True),
         message(is_remote_frame=True, data=b""),
-        message(is_extended_id=True),
+        message(is_fd=True),
         None,
     )
     assert [bus.receive(0.0) for _ in range(4)] == [None] * 4
     assert (bus.error_frames, bus.malformed) == (1, 0)
+
+
+def test_an_identifier_of_29_bits_is_marked(clock):
+    frame = scripted(clock, message(arbitration_id=0x181, is_extended_id=True)).receive(0.0)
+    assert frame.identifier == 0x181 | EXTENDED
+
+
+def test_the_adapters_time_is_device_time_where_the_rig_says_so(clock):
+    port = PORT.model_copy(update={"adapter_time": True})
+    for used, expected in ((port, 12_500_000_000), (PORT, None)):
+        bus = CanBus(used, clock, lambda _port: ScriptedBus(message(timestamp=12.5)))
+        bus.open()
+        assert bus.receive(0.0).device_time_ns == expected
+
+
+def test_nothing_is_sent_on_a_port_that_listens(clock):
+    sent = []
+    bus = CanBus(PORT.model_copy(update={"listen_only": True}), clock, lambda _port: sent)
+    bus.open()
+    with pytest.raises(BadCommand, match="listens only"):
+        bus.send(0x80, b"")
+    assert sent == []
+
+
+def test_what_a_bus_counts_as_malformed_outlives_it(clock):
+    made = []
+
+    def connect(_port) -> ScriptedBus:
+        made.append(ScriptedBus())
+        return made[-1]
+
+    bus = CanBus(PORT, clock, connect)
+    bus.open()
+    made[0].malformed = 3
+    bus.close()
+    bus.open()
+    made[1].malformed = 1
+    assert bus.malformed == 4
+    bus.close()
 
 
 @pytest.mark.parametrize(
@@ -144,7 +183,7 @@ def test_an_slcan_line_with_noise(clock, line):
     line.write(b"t18141122AABB\r")
     frames.append(bus.receive(1.0))
     bus.close()
-    assert [(f.cob_id, f.data) for f in frames] == [(0x181, bytes.fromhex("1122AABB"))]
+    assert [(f.identifier, f.data) for f in frames] == [(0x181, bytes.fromhex("1122AABB"))]
     assert bus.malformed == 4
 
 
@@ -191,6 +230,8 @@ def test_any_other_interface_is_python_cans_own(can_port):
         ({"bitrate": 123_456}, "'bitrate' is 123456"),
         ({"options": {"speed": 1}}, "unknown key 'speed'"),
         ({"options": {"tty_baudrate": "fast"}}, "'tty_baudrate' is 'fast'"),
+        ({"interface": "socketcand", "options": {}}, "missing key 'host'"),
+        ({"interface": "socketcand", "options": {"host": "a", "port": 0}}, "'port' is 0"),
         ({"interface": "slcam"}, "'interface' is 'slcam'"),
     ],
 )

@@ -9,9 +9,9 @@ from itertools import pairwise
 import can
 import pytest
 
+from drivers.can_link import CanLink
 from drivers.canopen.encoder import Encoder, EncoderOptions
 from drivers.canopen.joint import CanopenJoint, JointOptions
-from drivers.canopen.link import CanopenLink
 from drivers.driver import DeviceSpec
 from drivers.errors import DeviceRefused, DeviceSilent, LinkClosed
 from drivers.faults import FaultKind
@@ -53,8 +53,8 @@ def make_link(can_port, clock):
     """Makes and opens links, and closes them."""
     links = []
 
-    def make(*devices, **options) -> CanopenLink:
-        link = CanopenLink(can_port, devices, clock, **options)
+    def make(*devices, **options) -> CanLink:
+        link = CanLink(can_port, devices, clock, **options)
         links.append(link)
         link.open()
         return link
@@ -340,7 +340,7 @@ def test_a_drive_that_cannot_watch_the_master_is_refused(slaves, make_link):
 
 
 def test_a_closed_link_says_so(can_port, clock, encoder):
-    link = CanopenLink(can_port, [encoder(1)], clock)
+    link = CanLink(can_port, [encoder(1)], clock)
     link.close()
     for use in (link.check, lambda: link.pump(0.0), lambda: link.start(HZ)):
         with pytest.raises(LinkClosed, match=r"open\(\)"):

@@ -6,8 +6,8 @@ import threading
 
 import pytest
 
+from drivers.can_link import CanLink
 from drivers.canopen.joint import CanopenJoint, JointOptions
-from drivers.canopen.link import CanopenLink
 from drivers.driver import DeviceSpec
 from drivers.errors import BadCommand, DeviceRefused, DeviceSilent, LinkClosed
 from recordings.events import Mode
@@ -83,7 +83,7 @@ def servo(slaves) -> Servo:
 def link(can_port, clock):
     options = JointOptions.model_validate({"node_id": 17, "heartbeat_timeout_s": 0.5})
     drive = CanopenJoint(DeviceSpec("drive1", "canopen-joint", "bus", "joint1", (), options))
-    link = CanopenLink(can_port, [drive], clock)
+    link = CanLink(can_port, [drive], clock)
     link.open()
     yield link
     link.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 
 import can
@@ -9,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.slcan import Garbled, LineBuffer, SlcanBus, decode, encode
+from drivers.slcan import AdapterClock, Garbled, LineBuffer, SlcanBus, decode, encode
 
 # The examples of the CAN232 manual: "t10021133", "T0000010021133", "r1002", "R000001002".
 MANUAL = [
@@ -34,8 +35,10 @@ def test_frames_of_the_manual(line, fields):
     assert decoded.equals(message, timestamp_delta=None)
 
 
-def test_the_adapters_time_stamp_is_passed_over():
-    assert bytes(decode(b"t1002113304D2").data) == b"\x11\x33"
+def test_the_adapters_time_stamp_is_taken():
+    message = decode(b"t1002113304D2")
+    assert (bytes(message.data), message.stamp_ms) == (b"\x11\x33", 0x04D2)
+    assert decode(b"t10021133").stamp_ms is None
 
 
 @pytest.mark.parametrize("line", [b"", b"z", b"Z", b"V1013", b"NA123", b"F00"])
@@ -57,6 +60,7 @@ def test_replies_to_commands_are_no_frames(line):
         b"t80021133",
         b"t100211334D",
         b"T1002",
+        b"t10021133EA60",
     ],
 )
 def test_garbled_lines_are_told_apart(line):
@@ -99,6 +103,100 @@ def test_listen_only(line):
     bus = SlcanBus(f"{line.path}@57600", sleep_after_open=0.0, listen_only=True)
     assert line.read_until(b"L\r").endswith(b"L\r")
     bus.shutdown()
+
+
+def test_the_adapter_is_told_to_stamp_before_it_is_opened(line):
+    bus = SlcanBus(line.path, sleep_after_open=0.0, time_stamps=True)
+    assert line.read_until(b"O\r").endswith(b"Z1\rO\r")
+    bus.shutdown()
+
+
+def test_adapter_time_goes_on_over_its_wraps_and_pauses():
+    clock = AdapterClock()
+    first_ns, first_s = clock.read(59_990, 100.0)
+    wrapped_ns, wrapped_s = clock.read(10, 100.025)
+    assert wrapped_ns - first_ns == 20_000_000
+    assert wrapped_s - first_s == pytest.approx(0.020, abs=1e-4)
+    paused_ns, _ = clock.read(20, 100.025 + 180.012)  # three turns of the stamp
+    assert paused_ns - wrapped_ns == 180_010_000_000
+
+
+def test_late_frames_are_stamped_with_the_time_of_their_arrival_at_the_adapter():
+    clock = AdapterClock()
+    clock.read(0, 50.0)
+    # A burst that the host reads 30 ms late, all at once.
+    burst = [clock.read(ms, 50.040)[1] for ms in (10, 20, 30, 40)]
+    assert burst == [pytest.approx(50.0 + ms * 1e-3, abs=1e-4) for ms in (10, 20, 30, 40)]
+
+
+def test_the_estimate_follows_a_clock_that_drifts():
+    clock, host_s = AdapterClock(), 0.0
+    error = []
+    for second in range(1, 1800):
+        host_s = second * (1 + 100e-6)  # the adapter loses 100 us a second against the host
+        _, seen_s = clock.read(second * 1000 % 60_000, host_s)
+        error.append(abs(seen_s - host_s))
+    assert max(error) < 1e-3
+
+
+def test_malformed_lines_are_counted_and_passed_over(line):
+    bus = SlcanBus(line.path, sleep_after_open=0.0)
+    line.write(b"t1812ZZ00\rt1812AABB\rgarbage\rt18120011EA60\rt1812CCDD0005\r")
+    frames = [bus.recv(2.0), bus.recv(2.0)]
+    assert [bytes(frame.data) for frame in frames] == [b"\xaa\xbb", b"\xcc\xdd"]
+    assert [frame.adapter_ns for frame in frames] == [None, 5_000_000]
+    assert bus.malformed == 3
+    bus.shutdown()
+
+
+def test_an_adapter_that_goes_away_is_an_error_of_python_can(line):
+    bus = SlcanBus(line.path, sleep_after_open=0.0)
+    line.unplug()
+    with pytest.raises(can.CanOperationError, match="is gone"):
+        bus.recv(2.0)
+    bus.shutdown()
+
+
+def test_an_adapter_that_is_not_there(tmp_path):
+    with pytest.raises(can.CanInitializationError, match="cannot open"):
+        SlcanBus(str(tmp_path / "none"), sleep_after_open=0.0)
+
+
+def test_other_programs_find_it_by_its_name(line):
+    with can.Bus(interface="loopcal-slcan", channel=line.path, sleep_after_open=0.0) as bus:
+        assert isinstance(bus, SlcanBus)
+        line.write(b"t1230\r")
+        assert bus.recv(2.0).arbitration_id == 0x123
+
+
+def test_a_listener_of_python_can_gets_every_frame_of_a_block(line):
+    seen, done = [], threading.Event()
+
+    def listen(message: can.Message) -> None:
+        seen.append(message.arbitration_id)
+        if len(seen) == 50:
+            done.set()
+
+    bus = SlcanBus(line.path, sleep_after_open=0.0)
+    notifier = can.Notifier(bus, [listen], timeout=0.05)
+    line.write(b"".join(b"t%03X0\r" % number for number in range(50)))
+    assert done.wait(5.0)
+    notifier.stop()
+    bus.shutdown()
+    assert seen == list(range(50))
+
+
+def test_an_adapter_on_a_socket_is_read_in_blocks_too():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        bus = SlcanBus(f"socket://127.0.0.1:{server.getsockname()[1]}", sleep_after_open=0.0)
+        peer, _ = server.accept()
+        peer.sendall(b"".join(b"t1234%08X\r" % number for number in range(2000)))
+        seen = [int.from_bytes(bus.recv(2.0).data, "big") for _ in range(2000)]
+        assert seen == list(range(2000))
+        peer.close()
+        with pytest.raises(can.CanOperationError, match="is gone"):
+            bus.recv(2.0)
+        bus.shutdown()
 
 
 def test_a_bit_rate_that_no_adapter_knows(line):

@@ -1,15 +1,10 @@
-"""The link of a CANopen bus: bus master, sampling by SYNC, supervision of the port.
+"""The link of a CAN bus: serves devices of any CAN protocol, supervises the port.
 
-Wire contract, beside that of the devices:
-
-    SYNC       0x080, no data    sent at the sample rate on a schedule without drift, while sampling
-    NMT        0x000  01 id      each node of the rig is started, no other
-    heartbeat  0x700 + master_id  05   every 0.1 s while the bus is served and a drive wants it
-    EMCY       0x080 + id        error code, 2 bytes little-endian: an EMERGENCY fault
-    boot-up    0x700 + id  00    a RESTARTED fault; the node is set up again
+Wire contract: that of the devices, and of their services (`drivers.can_device`). On a port with
+``listen_only`` nothing is ever sent, and a device that needs sending is refused.
 
 Who serves the bus: one thread at a time holds the turn. `pump` takes it; so does whoever
-waits for an SDO answer while nobody else has it. So commands work from any thread, with or
+waits for an answer while nobody else has it. So commands work from any thread, with or
 without a pump running, and the link needs no thread of its own.
 
 When the port goes away, it is opened again after growing delays (0.25 s to 4 s), and the
@@ -25,14 +20,9 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
-from canopen import Network
-from canopen.emcy import EmcyError
-
 from drivers.can_bus import Bus, CanBus, Frame, connect
-from drivers.canopen.device import CanopenDevice
-from drivers.canopen.node_ids import master_id_of
-from drivers.canopen.sdo import SDO_LENGTH, Sdo
-from drivers.errors import DriverError, LinkBroken, LinkClosed, Malformed
+from drivers.can_device import CanDevice, CanParticipant, CanService
+from drivers.errors import DriverError, LinkBroken, LinkClosed, Malformed, OptionError
 from drivers.faults import FaultKind, FaultThrottle
 from drivers.link import Clock, DeviceStatus, JointDrive, Losses
 from drivers.outage import LONGEST_WAIT_S, Outage
@@ -43,34 +33,20 @@ from recordings.rig import CanPort
 MOST_FRAMES = 256
 """Most frames taken in one turn, so that what is due gets sent on a flooded bus."""
 
-HEARTBEAT_HZ = 10.0
 LAST_ANSWERS_S = 0.1
-NMT, SYNC, EMCY, SDO_ANSWER, HEARTBEAT = 0x000, 0x080, 0x080, 0x580, 0x700
-NMT_START, OPERATIONAL = 0x01, 0x05
 
 
-class _Network(Network):
-    """The package's network, sending through our bus."""
-
-    def __init__(self, send: Callable[[int, bytes], None]) -> None:
-        super().__init__()
-        self._send = send
-
-    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        self._send(can_id, bytes(data))
-
-
-class CanopenLink:
-    """All CANopen devices of one port. See `drivers.link.Link`.
+class CanLink:
+    """All devices of one CAN port. See `drivers.link.Link` and `drivers.can_device.CanWire`.
 
     Raises:
-        OptionError: two devices have one node id, or drives disagree about the master's.
+        OptionError: the port listens only, and a device needs sending; or what a service says.
     """
 
     def __init__(
         self,
         port: CanPort,
-        devices: Sequence[CanopenDevice],
+        devices: Sequence[CanDevice],
         clock: Clock,
         connect: Callable[[CanPort], Bus] = connect,
     ) -> None:
@@ -79,12 +55,15 @@ class CanopenLink:
             device.drive.joint: device.drive for device in devices if device.drive is not None
         }
         self._devices = tuple(devices)
-        self._master_id = master_id_of(port.name, self._devices)
+        _refuse_senders(port, self._devices)
+        self._services = _services(port.name, self._devices)
+        self._participants: tuple[CanParticipant, ...] = (*self._services, *self._devices)
+        self._takers: dict[int, list[CanParticipant]] = {}
+        for participant in self._participants:
+            for identifier in participant.identifiers:
+                self._takers.setdefault(identifier, []).append(participant)
         self._clock = clock
         self._bus = CanBus(port, clock, connect)
-        self._network = _Network(self.send)
-        self._by_cob_id = {i: device for device in devices for i in device.cob_ids}
-        self._by_node_id = {device.node_id: device for device in devices}
         self._tallies = {name: tally for d in devices for name, tally in d.tallies.items()}
         self._turn = threading.Lock()
         self._sending = threading.Lock()
@@ -92,21 +71,24 @@ class CanopenLink:
         self._closing.set()
         self._pending: deque[Event] = deque()
         self._throttle = FaultThrottle()
-        self._heartbeat: Schedule | None = None
         self._schedule: Schedule | None = None
         self._started = False
         self._outage = Outage(port.name, self._bus, self._tallies.values(), clock, self._closing)
-        self._unready: dict[CanopenDevice, Backoff | None] = {}
+        self._unready: dict[CanDevice, Backoff | None] = {}
         self._counted: Counter[FaultKind] = Counter()
+        for service in self._services:
+            service.attach(self)
         for device in devices:
-            device.attach(self)
+            if device.service is None:
+                device.attach(self)
 
     def open(self) -> None:
         """Open the port; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
         with self._turn:
             self._bus.open()
             self._outage.end()
-            self._heartbeat = Schedule(HEARTBEAT_HZ, self._clock.now_ns())
+            for service in self._services:
+                service.open(self._clock.now_ns())
             self._closing.clear()
 
     def check(self) -> tuple[DeviceStatus, ...]:
@@ -143,7 +125,8 @@ class CanopenLink:
         """Losses of each channel, in step with the readings that `pump` has returned."""
         with self._turn:
             waiting = Counter(e.channel for e in self._pending if isinstance(e, Reading))
-            balances = {name: tally.losses() for name, tally in self._tallies.items()}
+            now_ns = self._clock.now_ns()
+            balances = {n: ls for d in self._devices for n, ls in d.losses(now_ns).items()}
         return {
             name: Losses(
                 expected=losses.expected - waiting[name],
@@ -168,6 +151,8 @@ class CanopenLink:
                 self._serve(left)
             for tally in self._tallies.values():
                 tally.give_up()
+            for device in self._devices:
+                device.stop(self._clock.now_ns())
 
     def close(self) -> None:
         """Let the port go. Drives that heed the master's heartbeat fall into their safe state."""
@@ -181,17 +166,14 @@ class CanopenLink:
         """Time of the session."""
         return self._clock.now_ns()
 
-    def send(self, cob_id: int, data: bytes) -> None:
+    def send(self, identifier: int, data: bytes) -> None:
         """Send a frame; raises LinkBroken or LinkClosed."""
         self._require_present()
         with self._sending:
-            self._bus.send(cob_id, data)
+            self._bus.send(identifier, data)
 
-    def sdo(self, node_id: int) -> Sdo:
-        """Access to the object dictionary of a node."""
-        return Sdo(self._network, node_id, self._await_answer)
-
-    def _await_answer(self, answers: queue.Queue[bytes], timeout_s: float) -> bytes:
+    def await_answer(self, answers: queue.Queue[bytes], timeout_s: float) -> bytes:
+        """See `drivers.can_device.CanWire.await_answer`."""
         deadline = time.monotonic() + timeout_s
         while (left := deadline - time.monotonic()) > 0:
             self._require_present()
@@ -210,6 +192,18 @@ class CanopenLink:
                 except queue.Empty:
                     continue
         return answers.get_nowait()
+
+    def fault(self, time_ns: int, source: str, kind: FaultKind, text: str) -> None:
+        """Report a fault; called in a turn."""
+        self._pending.extend(self._throttle.offer(Fault(time_ns, source, kind, text)))
+
+    def restarted(self, device: CanDevice) -> None:
+        """Set ``device`` up again, if it had been started; called in a turn."""
+        if not self._started:
+            return
+        text = f"{device.name} has restarted by itself; it is set up again"
+        self.fault(self._clock.now_ns(), device.name, FaultKind.RESTARTED, text)
+        self._unready[device] = None
 
     def _serve(self, timeout_s: float) -> None:
         """One turn: send what is due, wait for a frame, take all that are there."""
@@ -231,6 +225,8 @@ class CanopenLink:
         except LinkBroken as error:
             sampling = self._schedule is not None
             self._pending.append(self._outage.begin(error, sampling=sampling))
+            for device in self._devices:
+                device.interrupt()
 
     def _serve_outage(self, now_ns: int, timeout_s: float) -> None:
         missed = self._schedule.due(now_ns) if self._schedule is not None else 0
@@ -241,60 +237,32 @@ class CanopenLink:
                 self._unready.update(dict.fromkeys(self._devices))
 
     def _send_due(self, now_ns: int) -> None:
-        if self._heartbeat is not None and self._heartbeat.due(now_ns) and self._master_id:
-            self.send(HEARTBEAT + self._master_id, bytes([OPERATIONAL]))
+        for participant in self._participants:
+            self._pending.extend(participant.serve(now_ns))
         if self._schedule is None or not (instants := self._schedule.due(now_ns)):
             return
         for tally in self._tallies.values():
             if instants > 1:
                 tally.skip(instants - 1)
             tally.ask()
-        if self._tallies:
-            self.send(SYNC, b"")
-        for device in self._devices:
-            self._pending.extend(device.sync(now_ns))
+        for service in self._services:
+            self._pending.extend(service.sample(now_ns))
 
     def _wait_s(self, timeout_s: float) -> float:
+        due = [ns for each in self._participants if (ns := each.due_ns()) is not None]
+        if self._schedule is not None:
+            due.append(self._schedule.next_ns)
         wait_s = min(timeout_s, LONGEST_WAIT_S)
-        for schedule in (self._heartbeat, self._schedule):
-            if schedule is not None:
-                wait_s = min(wait_s, (schedule.next_ns - self._clock.now_ns()) / SECOND)
+        if due:
+            wait_s = min(wait_s, (min(due) - self._clock.now_ns()) / SECOND)
         return max(wait_s, 0.0)
 
     def _take(self, frame: Frame) -> None:
-        function, node_id = frame.cob_id & 0x780, frame.cob_id & 0x7F
-        device = self._by_cob_id.get(frame.cob_id)
-        node = self._by_node_id.get(node_id)
-        try:
-            if device is not None:
-                self._pending.extend(device.receive(frame))
-            elif function == SDO_ANSWER and len(frame.data) == SDO_LENGTH:
-                self._network.notify(frame.cob_id, bytearray(frame.data), frame.time_ns / SECOND)
-            elif node is not None and function == EMCY:
-                self._take_emergency(node, frame)
-            elif node is not None and function == HEARTBEAT and frame.data[:1] == b"\0":
-                self._take_boot_up(node, frame)
-        except Malformed as error:
-            source = (device or node or self).name
-            self._fault(frame.time_ns, source, FaultKind.MALFORMED, str(error))
-
-    def _take_emergency(self, node: CanopenDevice, frame: Frame) -> None:
-        if len(frame.data) < 2:
-            raise Malformed(f"an EMCY of {len(frame.data)} bytes, expected 8")
-        code = int.from_bytes(frame.data[:2], "little")
-        if code >> 8:
-            meaning = EmcyError(code, 0, b"", 0.0).get_desc() or "unknown"
-            text = f"{node.name} reports the error 0x{code:04X} ({meaning})"
-            self._fault(frame.time_ns, node.name, FaultKind.EMERGENCY, text)
-        self._pending.extend(node.emergency(code, frame.time_ns))
-
-    def _take_boot_up(self, node: CanopenDevice, frame: Frame) -> None:
-        node.restarted()
-        if not self._started:
-            return
-        text = f"{node.name} has restarted by itself; it is set up again"
-        self._fault(frame.time_ns, node.name, FaultKind.RESTARTED, text)
-        self._unready[node] = None
+        for taker in self._takers.get(frame.identifier, ()):
+            try:
+                self._pending.extend(taker.receive(frame))
+            except Malformed as error:
+                self.fault(frame.time_ns, taker.name, FaultKind.MALFORMED, str(error))
 
     def _report_counts(self) -> None:
         for kind, count, text in (
@@ -302,7 +270,7 @@ class CanopenLink:
             (FaultKind.BUS_ERROR, self._bus.error_frames, "the CAN controller reports a bus error"),
         ):
             for _ in range(count - self._counted[kind]):
-                self._fault(self._clock.now_ns(), self.name, kind, text)
+                self.fault(self._clock.now_ns(), self.name, kind, text)
             self._counted[kind] = count
 
     def _set_up_again(self) -> None:
@@ -320,9 +288,7 @@ class CanopenLink:
             except DriverError as error:
                 self._retry_later(device, backoff, error)
 
-    def _retry_later(
-        self, device: CanopenDevice, backoff: Backoff | None, error: DriverError
-    ) -> None:
+    def _retry_later(self, device: CanDevice, backoff: Backoff | None, error: DriverError) -> None:
         now_ns = self._clock.now_ns()
         if backoff is None:
             backoff = Backoff(now_ns)
@@ -330,13 +296,10 @@ class CanopenLink:
             backoff.failed(now_ns)
         self._unready[device] = backoff
         with self._turn:
-            self._fault(now_ns, device.name, FaultKind.NOT_STARTED, str(error))
+            self.fault(now_ns, device.name, FaultKind.NOT_STARTED, str(error))
 
-    def _fault(self, time_ns: int, source: str, kind: FaultKind, text: str) -> None:
-        self._pending.extend(self._throttle.offer(Fault(time_ns, source, kind, text)))
-
-    def _check(self, device: CanopenDevice) -> DeviceStatus:
-        channels = tuple(device.tallies)
+    def _check(self, device: CanDevice) -> DeviceStatus:
+        channels = tuple(device.channels)
         try:
             identity = device.identify()
         except DriverError as error:
@@ -362,3 +325,21 @@ class CanopenLink:
         self._require_open()
         if self._outage.lasts:
             raise LinkBroken(f"port '{self.name}' is gone; it is being opened again")
+
+
+def _refuse_senders(port: CanPort, devices: Sequence[CanDevice]) -> None:
+    if not port.listen_only:
+        return
+    for device in devices:
+        if device.sends:
+            raise OptionError(
+                f"device '{device.name}' ({device.driver}) must be sent frames to work, but its "
+                f"port '{port.name}' has listen_only = true; remove that, or use a driver that "
+                f"only listens (dbc-encoder, dbc-listener, canopen-listener)"
+            )
+
+
+def _services(port: str, devices: Sequence[CanDevice]) -> tuple[CanService, ...]:
+    """Each service that a device names, once, for all devices that name it."""
+    makers = dict.fromkeys(device.service for device in devices if device.service is not None)
+    return tuple(make(port, [d for d in devices if d.service == make]) for make in makers)
