@@ -7,27 +7,32 @@ Memory is bounded by the largest chunk, not by the file. Knows nothing of loopca
 
 from __future__ import annotations
 
+import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import BinaryIO
 
 import numpy as np
+import zstandard
 
 from recordings import records
 from recordings.container import MAGIC
+from recordings.offsets import HEAD_BYTES, leading_bytes
 from recordings.records import MAX_CHUNK_BYTES, Malformed
+from recordings.stream import PIECE_BYTES, Stream
 from recordings.wire import unaligned
 
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 2, 3, 4, 5, 6, 7
 ATTACHMENT, METADATA, DATA_END = 9, 12, 15
 FIRST_PRIVATE = 0x80
 
-_HEAD = 9
+_HEAD = HEAD_BYTES
 _TAIL = _HEAD + 20 + len(MAGIC)
-_LOOSE_BYTES = 1 << 20
-_PIECE = 1 << 20
+_FEWEST_LOOSE = 1 << 12
 _CHUNK_HEAD = 53  # from the opcode to the length of the compressed data, at most
+_INDEX = struct.Struct("<BQHI")  # a message index up to its entries
+_LOOSE = tuple(bytes([opcode]) for opcode in (SCHEMA, CHANNEL, MESSAGE))
 _COMPRESSIONS = (b"", b"lz4", b"zstd")
 
 
@@ -147,7 +152,7 @@ def _read_tail(file: BinaryIO, size: int) -> _Tail | None:
 def _pieces(file: BinaryIO, start: int, stop: int) -> Iterator[bytes]:
     file.seek(start)
     while start < stop:
-        piece = file.read(min(_PIECE, stop - start))
+        piece = file.read(min(PIECE_BYTES, stop - start))
         if not piece:
             return
         start += len(piece)
@@ -161,12 +166,13 @@ class _Walk:
         self._file = file
         self._stop = stop
         self._tail = tail
-        self._at = len(MAGIC)
+        self._stream = Stream(file, len(MAGIC), zlib.crc32(MAGIC))
         self._trusted = len(MAGIC)  # end of the last record that proved to be whole
-        self._crc: int | None = zlib.crc32(MAGIC)  # None once something was skipped
-        self._crc_before: int | None = self._crc  # before the record last taken
+        self._zstd = zstandard.ZstdDecompressor()
+        self._loose = _FEWEST_LOOSE  # bytes to look at together outside chunks
+        self._data_crc: int | None = None  # known once the end of the data section was found
+        self._doubted = False  # a chunk was bad: the CRC of all data would only repeat it
         self._ended = False
-        file.seek(self._at)
 
     def items(self) -> Iterator[Item]:
         try:
@@ -174,7 +180,7 @@ class _Walk:
             if opcode != HEADER:
                 raise Malformed(f"a record of type {opcode} where the header should be")
             yield Header(*records.parse_header(content))
-            self._trusted = self._at
+            self._trusted = self._stream.at
         except Malformed as error:
             yield self._damage(len(MAGIC), error)
         if self._tail is not None and self._tail.definitions is not None:
@@ -184,52 +190,73 @@ class _Walk:
             yield Damage(self._stop, "the file ends without a footer: it was never closed, or cut")
         elif self._tail.damage is not None:
             yield self._tail.damage
-        elif self._ended and self._tail.summary_start not in (0, self._at):
-            yield Damage(self._at, "stray bytes between the data and the summary")
+        elif self._ended and self._tail.summary_start not in (0, self._stream.at):
+            yield Damage(self._stream.at, "stray bytes between the data and the summary")
 
     def _data(self) -> Iterator[Item]:
-        loose = bytearray()
-        loose_at = self._at
-        while self._at < self._stop and not self._ended:
-            at = self._at
-            item: Item | None = None
+        while True:
+            self._pass_indexes()
+            at = self._stream.at
+            if at >= self._stop or self._ended:
+                break
             try:
+                if (loose := self._take_loose()) is not None:
+                    yield loose
+                    continue
                 opcode, content = self._take()
-                if opcode in (SCHEMA, CHANNEL, MESSAGE):
-                    loose_at = loose_at if loose else at
-                    loose += bytes([opcode]) + len(content).to_bytes(8, "little") + content
-                else:
-                    item = self._item(opcode, content)
+                item = self._item(opcode, content)
             except Malformed as error:
                 item = self._damage(at, error)
-            if loose and (item is not None or len(loose) > _LOOSE_BYTES):
-                yield Block(loose_at, bytes(loose))
-                loose.clear()
             if item is not None:
                 yield item
-        if loose:
-            yield Block(loose_at, bytes(loose))
         if not self._ended and self._tail is not None:
-            yield Damage(self._at, "the data section has no end record")
+            yield Damage(self._stream.at, "the data section has no end record")
+
+    def _pass_indexes(self) -> None:
+        """Pass over sound message indexes, one a topic behind each chunk, as far as is read ahead."""
+        held, before = self._stream.held()
+        last = min(len(held), before + self._stop - self._stream.at)
+        at = before
+        while at + _INDEX.size <= last:
+            opcode, length, _, count = _INDEX.unpack_from(held, at)
+            end = at + _HEAD + length
+            if opcode != MESSAGE_INDEX or count != length - 6 or end > last:
+                break
+            at = end
+        if at > before:
+            self._stream.pass_over(at - before)
+            self._trusted = self._stream.at
+
+    def _take_loose(self) -> Block | None:
+        """Records outside chunks, as many as are near; None where there are none."""
+        if self._stream.peek(1)[:1] not in _LOOSE:
+            return None
+        at = self._stream.at
+        size = leading_bytes(self._stream.peek(min(self._loose, self._stop - at)))
+        self._loose = min(PIECE_BYTES, max(_FEWEST_LOOSE, 2 * size))
+        if size:
+            return Block(at, self._stream.take(size))
+        opcode, content = self._take()
+        return Block(at, bytes([opcode]) + len(content).to_bytes(8, "little") + content)
 
     def _take(self) -> tuple[int, bytes]:
         """Opcode and content of the next record; leaves out the content of private records."""
-        self._crc_before = self._crc
-        head = self._read(_HEAD)
+        head = self._stream.peek(_HEAD)
         if len(head) < _HEAD:
             raise Malformed("the file ends inside a record")
         opcode, length = head[0], int.from_bytes(head[1:], "little")
-        if length > self._stop - self._at:
-            left = self._stop - self._at
+        if opcode == DATA_END:
+            self._data_crc = self._stream.crc
+        self._stream.take(_HEAD)
+        left = self._stop - self._stream.at
+        if length > left:
             raise Malformed(f"a record of {length} bytes (type {opcode}), where {left} are left")
         if opcode >= FIRST_PRIVATE:
-            for _ in range(length // _PIECE):
-                self._read(_PIECE)
-            self._read(length % _PIECE)
+            self._stream.pass_over(length)
             return opcode, b""
         if length > MAX_CHUNK_BYTES:
             raise Malformed(f"a record of {length} bytes, above the limit of {MAX_CHUNK_BYTES}")
-        return opcode, self._read(length)
+        return opcode, self._stream.take(length)
 
     def _item(self, opcode: int, content: bytes) -> Item | None:
         if opcode >= FIRST_PRIVATE:
@@ -237,7 +264,7 @@ class _Walk:
         item: Item | None = None
         if opcode == CHUNK:
             chunk = records.parse_chunk(content)
-            self._trusted = self._at
+            self._trusted = self._stream.at
             item = self._block(chunk, len(content))
         elif opcode == MESSAGE_INDEX:
             records.check_message_index(content)
@@ -249,15 +276,15 @@ class _Walk:
             item = self._end(content)
         else:
             raise Malformed(f"a record of type {opcode}, which has no place here")
-        self._trusted = self._at
+        self._trusted = self._stream.at
         return item
 
     def _block(self, chunk: records.Chunk, length: int) -> Block | Damage:
-        at = self._at - length - _HEAD
+        at = self._stream.at - length - _HEAD
         try:
-            return Block(at, records.decompress(chunk))
+            return Block(at, records.decompress(chunk, self._zstd))
         except Malformed as error:
-            self._crc = None
+            self._doubted = True
             seconds = (chunk.end_ns - chunk.start_ns) * 1e-9
             return Damage(at, f"{error}; its messages (a span of {seconds:.3f} s) are lost")
 
@@ -266,31 +293,24 @@ class _Walk:
             raise Malformed("an end record of the wrong length")
         self._ended = True
         crc = int.from_bytes(content, "little")
-        if self._crc_before is not None and crc not in (0, self._crc_before):
-            return Damage(self._at, "the data section has a wrong CRC")
+        known = self._data_crc is not None and not self._doubted
+        if known and crc not in (0, self._data_crc):
+            return Damage(self._stream.at, "the data section has a wrong CRC")
         return None
-
-    def _read(self, size: int) -> bytes:
-        data = self._file.read(size)
-        self._at += len(data)
-        if self._crc is not None:
-            self._crc = zlib.crc32(data, self._crc)
-        return data
 
     def _damage(self, at: int, error: Malformed) -> Damage:
         """Note damage at ``at`` and go on at the next chunk behind the last trusted record."""
-        self._crc = None
         found = _next_chunk(self._file, self._trusted, self._stop)
-        self._at = self._trusted = self._stop if found is None else found
-        self._file.seek(self._at)
-        skipped = self._at - at
+        self._trusted = self._stop if found is None else found
+        self._stream.go_to(self._trusted)
+        skipped = self._trusted - at
         return Damage(at, f"{error}; went on {skipped} bytes later" if skipped > 0 else str(error))
 
 
 def _next_chunk(file: BinaryIO, start: int, stop: int) -> int | None:
     """Offset of the first chunk between ``start`` and ``stop`` whose inner lengths agree."""
     while start + _CHUNK_HEAD <= stop:
-        data = _read(file, start, min(_PIECE, stop - start))
+        data = _read(file, start, min(PIECE_BYTES, stop - start))
         if len(data) < _CHUNK_HEAD:
             return None
         places = np.flatnonzero(np.frombuffer(data, np.uint8)[: 1 - _CHUNK_HEAD] == CHUNK)

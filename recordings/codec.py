@@ -6,7 +6,9 @@ and values, no file. Readings have a fast path of their own in `recordings.readi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields
+from functools import cache
 from typing import Any
 
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
@@ -123,15 +125,26 @@ def decode(kind: Kind, subject: str, time_ns: int, payload: bytes) -> Event:
     values: dict[str, Any] = {"time_ns": time_ns}
     if kind.subject is not None:
         values[kind.subject] = subject
-    for field in fields(kind.event):
-        if field.name in values:
-            continue
-        if message.HasField(field.name):
-            value = getattr(message, field.name)
-            typed = _TYPES.get(field.name)
-            values[field.name] = value if typed is None else typed(value)
-        elif str(field.type).endswith("| None"):
-            values[field.name] = None
-        elif field.default is MISSING:
-            raise ValueError(f"a {kind.schema_name} message without '{field.name}'")
+    for name, typed, absent in _fields_of(kind):
+        if message.HasField(name):
+            value = getattr(message, name)
+            values[name] = value if typed is None else typed(value)
+        elif absent is MISSING:
+            raise ValueError(f"a {kind.schema_name} message without '{name}'")
+        else:
+            values[name] = absent
     return kind.event(**values)
+
+
+@cache
+def _fields_of(kind: Kind) -> tuple[tuple[str, Callable[[int], Any] | None, Any], ...]:
+    """Name of each field, its type where it is not the message's own, and what it is when absent."""
+    return tuple(
+        (
+            field.name,
+            _TYPES.get(field.name),
+            None if str(field.type).endswith("| None") else field.default,
+        )
+        for field in fields(kind.event)
+        if field.name not in ("time_ns", kind.subject)
+    )

@@ -1,12 +1,13 @@
-"""Blocks of records as arrays: where the messages are, and what the readings among them say.
+"""Blocks of records as arrays: which messages they hold, and what the readings among them say.
 
-Owns the step from bytes to columns without a Python loop over messages. Where a block or a
-message is irregular it falls back to walking the records and to protobuf, so that the
-result is the same for every way of writing the same messages. Pure.
+Owns the step from bytes to columns without a Python loop over messages. Readings of one
+channel that are all written alike are taken as arrays; any other is left to protobuf, so
+that the result is the same for every way of writing the same messages. Pure.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,57 +16,13 @@ from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from recordings import messages_pb2
-from recordings.wire import FIELDS, HEADER_SIZE, MESSAGE_OPCODE, layouts_of, unaligned
-
-_HEAD = 9
-
-
-def record_offsets(data: bytes) -> tuple[NDArray[np.int64], int]:
-    """Where the records of a block begin.
-
-    Returns:
-        Offsets (n,), and the offset at which the records end: len(data), or less where the
-        rest is not a whole record.
-    """
-    # A record of a block begins with opcode 3, 4 or 5 and its length. All bytes that look
-    # like that are candidates; they are right if each ends where the next begins.
-    view = np.frombuffer(data, np.uint8)
-    places = np.flatnonzero(view[: max(0, len(data) - _HEAD + 1)] - np.uint8(3) < 3)
-    length = unaligned(data, "<u8", 1)[places]
-    fits = length <= (len(data) - _HEAD - places).astype(np.uint64)
-    places = places[fits]
-    ends = places + _HEAD + length[fits].astype(np.int64)
-    if not _chained(places, ends, len(data)):
-        # Some bytes inside messages look like records. Few of them end at another candidate.
-        marked = np.zeros(len(data) + 1, np.bool_)
-        marked[places] = marked[-1] = True
-        places, ends = places[marked[ends]], ends[marked[ends]]
-        if not _chained(places, ends, len(data)):
-            return _walk(data)
-    return places, len(data)
-
-
-def _chained(places: NDArray[np.int64], ends: NDArray[np.int64], size: int) -> bool:
-    if len(places) == 0:
-        return size == 0
-    return bool(places[0] == 0 and ends[-1] == size and np.array_equal(places[1:], ends[:-1]))
-
-
-def _walk(data: bytes) -> tuple[NDArray[np.int64], int]:
-    offsets = []
-    at = 0
-    while at + _HEAD <= len(data):
-        end = at + _HEAD + int.from_bytes(data[at + 1 : at + _HEAD], "little")
-        if end > len(data):
-            break
-        offsets.append(at)
-        at = end
-    return np.array(offsets, np.int64), at
+from recordings.offsets import HEAD_BYTES
+from recordings.wire import FIELDS, HEADER_SIZE, MESSAGE_OPCODE, Layout, layouts_of, unaligned
 
 
 @dataclass(frozen=True, slots=True)
 class Messages:
-    """The Message records of a block.
+    """Message records of a block.
 
     Attributes:
         data: the block.
@@ -81,8 +38,11 @@ class Messages:
     start: NDArray[np.int64]
     size: NDArray[np.int64]
 
-    def take(self, rows: NDArray[Any]) -> Messages:
-        """Some of the messages, by index or mask."""
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def take(self, rows: NDArray[Any] | slice) -> Messages:
+        """Some of the messages, by index, mask or slice."""
         return Messages(
             self.data,
             self.channel_id[rows],
@@ -96,12 +56,19 @@ class Messages:
         start = int(self.start[row])
         return self.data[start : start + int(self.size[row])]
 
+    def by_channel(self) -> Iterator[tuple[int, Messages]]:
+        """The messages of each MCAP channel, in their order."""
+        for channel_id in np.flatnonzero(np.bincount(self.channel_id)).tolist():
+            yield channel_id, self.take(np.flatnonzero(self.channel_id == channel_id))
+
 
 def messages(data: bytes, offsets: NDArray[np.int64]) -> Messages:
     """The messages among the records at ``offsets``; those too short to be one are left out."""
-    size = unaligned(data, "<u8", 1)[offsets].astype(np.int64) - (HEADER_SIZE - _HEAD)
+    size = unaligned(data, "<i8", 1)[offsets] - (HEADER_SIZE - HEAD_BYTES)
     opcode = np.frombuffer(data, np.uint8)[offsets]
-    offsets, size = (values[(opcode == MESSAGE_OPCODE) & (size >= 0)] for values in (offsets, size))
+    kept = (opcode == MESSAGE_OPCODE) & (size >= 0)
+    if not kept.all():
+        offsets, size = offsets[kept], size[kept]
     return Messages(
         data=data,
         channel_id=unaligned(data, "<u2", 9)[offsets],
@@ -113,44 +80,79 @@ def messages(data: bytes, offsets: NDArray[np.int64]) -> Messages:
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """What readings say, in columns of equal length; where a field is absent it is 0.
+    """Readings of one channel in the order of the file, columns of equal length.
 
     Attributes:
-        values: field name -> (n,) values.
-        present: field name -> (n,) whether the reading has the field.
-        readable: (n,) whether it is a reading at all, with a raw count.
+        time_ns, raw, flags: (n,) log_time, counts, and bits, 0 where a reading has none.
+        device_time_ns, sequence: (n,), or None where any reading lacks it.
     """
 
-    values: dict[str, NDArray[Any]]
-    present: dict[str, NDArray[np.bool_]]
-    readable: NDArray[np.bool_]
+    time_ns: NDArray[np.int64]
+    raw: NDArray[np.int64]
+    device_time_ns: NDArray[np.int64] | None
+    sequence: NDArray[np.uint32] | None
+    flags: NDArray[np.uint32]
 
 
-def decode_readings(found: Messages) -> Columns:
-    """Decode messages that are all readings."""
-    count = len(found.start)
+def decode_readings(found: Messages) -> tuple[Columns, int]:
+    """Decode messages that are all readings of one channel.
+
+    Returns:
+        What the readable ones say, and how many are no readings, or have no raw count.
+    """
+    size = int(found.size[0]) if len(found) else 0
+    if np.all(found.size == size):
+        for layout in layouts_of(size):
+            # Whole records first, one behind the other: their fields are then near each other.
+            span = layout.record.itemsize
+            rows = unaligned(found.data, f"V{span}")[found.start - HEADER_SIZE].view(layout.record)
+            if all(np.all(rows[f"{name}_tag"] == tag) for name, tag in layout.tags):
+                return _alike(rows, layout), 0
+    return _mixed(found)
+
+
+def _alike(rows: NDArray[np.void], layout: Layout) -> Columns:
+    """Readings that have exactly the fields of ``layout``."""
+    values = {name: rows[name].copy() for name in layout.present}
+    flags = values.get("flags")
+    return Columns(
+        time_ns=rows["log_time"].astype(np.int64),
+        raw=values["raw"],
+        device_time_ns=values.get("device_time_ns"),
+        sequence=values.get("sequence"),
+        flags=np.zeros(len(rows), np.uint32) if flags is None else flags,
+    )
+
+
+def _mixed(found: Messages) -> tuple[Columns, int]:
+    """Readings each written in its own way: by layout where they have one, else by protobuf."""
+    count = len(found)
     values = {name: np.zeros(count, kind) for name, _, kind in FIELDS}
     present = {name: np.zeros(count, np.bool_) for name, _, _ in FIELDS}
-    readable = np.zeros(count, np.bool_)
     view = np.frombuffer(found.data, np.uint8)
+    left = np.arange(count)
     for size in np.unique(found.size).tolist():
-        rows = np.flatnonzero(found.size == size)
         for layout in layouts_of(size):
-            start = found.start[rows]
-            fits = np.ones(len(rows), np.bool_)
-            for place, tag in layout.tags:
-                fits &= view[start + place] == tag
-            start, regular = start[fits], rows[fits]
-            for name, _, kind in FIELDS:
-                if name in layout.values:
-                    place = layout.values[name]
-                    values[name][regular] = unaligned(found.data, kind, place)[start]
-                    present[name][regular] = True
-            readable[regular] = True
-            rows = rows[~fits]
-        for row in rows.tolist():
-            readable[row] = _decode_one(found.payload(row), row, values, present)
-    return Columns(values, present, readable)
+            rows = left[found.size[left] == size]
+            for name, tag in layout.tags:
+                tags = view[found.start[rows] + layout.values[name] - 1]
+                rows = rows[tags == tag]
+            for name, place in layout.values.items():
+                kind = values[name].dtype.str
+                values[name][rows] = unaligned(found.data, kind, place)[found.start[rows]]
+                present[name][rows] = True
+            left = np.setdiff1d(left, rows, assume_unique=True)
+    for row in left.tolist():
+        _decode_one(found.payload(row), row, values, present)
+    readable = present["raw"]
+    complete = {name: bool(present[name][readable].all()) for name in present}
+    return Columns(
+        time_ns=found.time_ns[readable],
+        raw=values["raw"][readable],
+        device_time_ns=values["device_time_ns"][readable] if complete["device_time_ns"] else None,
+        sequence=values["sequence"][readable] if complete["sequence"] else None,
+        flags=values["flags"][readable],
+    ), count - int(readable.sum())
 
 
 def _decode_one(
@@ -158,15 +160,14 @@ def _decode_one(
     row: int,
     values: dict[str, NDArray[Any]],
     present: dict[str, NDArray[np.bool_]],
-) -> bool:
-    """Decode one reading by protobuf; returns whether it is one."""
+) -> None:
+    """Decode one reading by protobuf; of what is none, nothing is present."""
     message = messages_pb2.Reading()
     try:
         message.ParseFromString(payload)
     except DecodeError:
-        return False
+        return
     for name, _, _ in FIELDS:
         if message.HasField(name):
             values[name][row] = getattr(message, name)
             present[name][row] = True
-    return message.HasField("raw")

@@ -7,6 +7,7 @@ anything is taken from them. Pure: no file. All functions raise `Malformed`.
 
 from __future__ import annotations
 
+import struct
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ MAX_CHUNK_BYTES = 256 * 1024 * 1024
 """Largest uncompressed chunk that is read; writers use 64 KiB to a few MiB."""
 
 _PIECE = 1 << 20
+_CHUNK = struct.Struct("<QQQI")
 
 
 class Malformed(ValueError):
@@ -137,9 +139,7 @@ def parse_metadata(content: bytes) -> tuple[str, dict[str, str]]:
 
 def check_message_index(content: bytes) -> None:
     """A Message Index must be as long as it says."""
-    fields = _Fields(content)
-    fields.take(2)
-    if fields.number(4) != fields.left:
+    if len(content) < 6 or int.from_bytes(content[2:6], "little") != len(content) - 6:
         raise Malformed("a message index of another length than it says")
 
 
@@ -152,7 +152,7 @@ def parse_footer(content: bytes) -> tuple[int, int, int]:
 def parse_chunk(content: bytes) -> Chunk:
     """A Chunk record, still compressed."""
     fields = _Fields(content)
-    start_ns, end_ns, size, crc = (fields.number(width) for width in (8, 8, 8, 4))
+    start_ns, end_ns, size, crc = _CHUNK.unpack(fields.take(_CHUNK.size))
     compression = fields.text()
     data = fields.take(fields.number(8))
     if fields.left:
@@ -160,13 +160,16 @@ def parse_chunk(content: bytes) -> Chunk:
     return Chunk(start_ns, end_ns, size, crc, compression, data)
 
 
-def decompress(chunk: Chunk) -> bytes:
-    """The records of a chunk, checked against its size and CRC (0: the chunk has none)."""
+def decompress(chunk: Chunk, zstd: zstandard.ZstdDecompressor | None = None) -> bytes:
+    """The records of a chunk, checked against its size and CRC (0: the chunk has none).
+
+    Who has many chunks hands in a decompressor, which costs as much to make as a chunk to read.
+    """
     size = chunk.uncompressed_size
     if size > MAX_CHUNK_BYTES:
         raise Malformed(f"a chunk of {size} bytes, above the limit of {MAX_CHUNK_BYTES}")
     if chunk.compression == "zstd":
-        data = _unzstd(chunk.data, size)
+        data = _unzstd(chunk.data, size, zstd or zstandard.ZstdDecompressor())
     elif chunk.compression == "lz4":
         data = _unlz4(chunk.data, size)
     elif chunk.compression == "":
@@ -180,15 +183,15 @@ def decompress(chunk: Chunk) -> bytes:
     return data
 
 
-def _unzstd(data: bytes, size: int) -> bytes:
+def _unzstd(data: bytes, size: int, zstd: zstandard.ZstdDecompressor) -> bytes:
     try:
         # A frame may itself claim any size, and the library would allocate it.
         claimed = zstandard.get_frame_parameters(data).content_size
         if claimed == size:
-            return zstandard.ZstdDecompressor().decompress(data)
+            return zstd.decompress(data)
         if claimed != zstandard.CONTENTSIZE_UNKNOWN:
             raise Malformed(f"a chunk of {claimed} bytes that should have {size}")
-        with zstandard.ZstdDecompressor().stream_reader(data) as stream:
+        with zstd.stream_reader(data) as stream:
             return _collect(stream.read, size)
     except zstandard.ZstdError as error:
         raise Malformed(f"a chunk that does not decompress ({error})") from error

@@ -74,14 +74,14 @@ class Layout:
         present: names of the fields, in file order.
         payload_size: bytes of one payload.
         record: NumPy type of one whole MCAP Message record; tags are named ``<field>_tag``.
-        tags: (offset in the payload, tag byte) of each field.
+        tags: (name, tag byte) of each field.
         values: name -> offset in the payload.
     """
 
     present: tuple[str, ...]
     payload_size: int
     record: np.dtype[np.void]
-    tags: tuple[tuple[int, int], ...]
+    tags: tuple[tuple[str, int], ...]
     values: dict[str, int]
 
 
@@ -89,13 +89,13 @@ class Layout:
 def layout(present: tuple[str, ...]) -> Layout:
     """The layout of readings with the fields ``present`` (in file order)."""
     parts: list[tuple[str, str]] = list(HEADER)
-    tags: list[tuple[int, int]] = []
+    tags: list[tuple[str, int]] = []
     values: dict[str, int] = {}
     size = 0
     for name, tag, kind in FIELDS:
         if name in present:
             parts += [(f"{name}_tag", "u1"), (name, kind)]
-            tags.append((size, tag))
+            tags.append((name, tag))
             values[name] = size + 1
             size += 1 + np.dtype(kind).itemsize
     return Layout(present, size, np.dtype(parts), tuple(tags), values)

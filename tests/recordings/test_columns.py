@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from recordings.columns import messages, record_offsets
+from recordings.columns import messages
+from recordings.offsets import record_offsets
 
 
 def record(opcode: int, content: bytes) -> bytes:
