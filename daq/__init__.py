@@ -5,22 +5,29 @@ recording. Knows no wire protocol (`drivers`), no file format (`recordings`) and
 kinematics.
 """
 
+from daq.arming import Arming
 from daq.clock import Clock, HostClock, ManualClock
 from daq.errors import (
+    ArmingExpired,
     CannotRecord,
     DaqError,
+    Interlocked,
+    NotAllowed,
     NotArmed,
     NotReady,
     PlanNotPossible,
     SessionFailed,
     StopRequested,
 )
+from daq.mobility import Mobility
 from daq.options import CaptureOptions
 from daq.progress import ChannelProgress, Phase, Progress
 from daq.session import capture
 from daq.summary import CaptureSummary, Ending
 
 __all__ = [
+    "Arming",
+    "ArmingExpired",
     "CannotRecord",
     "CaptureOptions",
     "CaptureSummary",
@@ -29,7 +36,10 @@ __all__ = [
     "DaqError",
     "Ending",
     "HostClock",
+    "Interlocked",
     "ManualClock",
+    "Mobility",
+    "NotAllowed",
     "NotArmed",
     "NotReady",
     "Phase",

@@ -11,6 +11,7 @@ from __future__ import annotations
 from daq.clock import SECOND
 from daq.progress import Phase
 from daq.standstill import Window, apart
+from daq.states import Step
 from daq.supervision import Supervision
 from recordings.events import Dwell
 from recordings.rig import Plan
@@ -39,6 +40,7 @@ class ByHandPlan:
             SessionFailed: a link or the file failed.
         """
         before: dict[str, Window] | None = None
+        self._session.step(Step.RECORD, "the operator moves")
         for number in range(1, self._stops + 1):
             begin_ns, end_ns, before = self._standstill(number, before)
             dwell = Dwell(self._session.now_ns(), begin_ns, end_ns, pose=number - 1, visit=0)

@@ -27,18 +27,28 @@ class Clock(Protocol):
 
 
 class HostClock:
-    """The host's monotonic clock, anchored to UTC when it is made."""
+    """The host's monotonic clock, anchored to UTC when it is made.
+
+    It goes on while the computer sleeps, where the system has such a clock: whoever supervises
+    must notice that.
+    """
 
     def __init__(self) -> None:
-        self._anchor_ns = time.time_ns() - time.monotonic_ns()
+        self._anchor_ns = time.time_ns() - _monotonic_ns()
 
     def now_ns(self) -> int:
         """Nanoseconds since the Unix epoch, by the monotonic clock."""
-        return self._anchor_ns + time.monotonic_ns()
+        return self._anchor_ns + _monotonic_ns()
 
     def wait(self, event: threading.Event, timeout_s: float) -> bool:
         """Wait until ``event`` is set or ``timeout_s`` has passed; say whether it is set."""
         return event.wait(timeout_s)
+
+
+def _monotonic_ns() -> int:
+    if hasattr(time, "CLOCK_BOOTTIME"):
+        return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+    return time.monotonic_ns()
 
 
 class ManualClock:

@@ -20,6 +20,7 @@ from daq.options import CaptureOptions
 from daq.progress import Phase
 from daq.scale import Scale, scale_of
 from daq.standstill import FEWEST
+from daq.states import Step
 from daq.supervision import TICK_S, Supervision
 from recordings.events import Dwell, Fault, Mode
 from recordings.rig import Plan, Rig, Visit
@@ -108,6 +109,7 @@ class DrivenPlan:
             self._drives.set_mode(joint, Mode.POSITION, "hold for the plan")
             self._await_mode(joint, Mode.POSITION)
             self._targets[joint] = self._reading(self._scales[joint])
+            self._drives.hold_at(joint, self._targets[joint])
         expected = dict.fromkeys(others, Mode.FREE) | dict.fromkeys(
             self._plan.drives, Mode.POSITION
         )
@@ -128,6 +130,7 @@ class DrivenPlan:
         """Ramp the targets to those of ``visit``."""
         self._session.enter(Phase.MOVING, number, f"moving to pose {visit.pose}")
         cause = f"to pose {visit.pose}, visit {visit.visit}"
+        self._session.step(Step.MOVE, cause)
         begin = dict(self._targets)
         end = dict(zip(self._plan.drives, visit.targets, strict=True))
         seconds = max(abs(end[joint] - begin[joint]) for joint in end) / self._plan.move
@@ -139,11 +142,15 @@ class DrivenPlan:
             # A target that is late, because a bus or a drive was slow, must not become a jump.
             step_s = min((now_ns - before_ns) / SECOND, 2.0 * TARGET_S)
             before_ns = now_ns
+            if self._session.blind():
+                # Where a joint cannot be seen, nothing is led on; the guard says for how long.
+                continue
             done = min(1.0, done + step_s / seconds) if seconds > 0.0 else 1.0
             for joint, target in end.items():
                 self._targets[joint] = begin[joint] + done * (target - begin[joint])
                 raw = self._scales[joint].counts(self._targets[joint])
                 self._drives.move_to(joint, raw, cause)
+        self._session.step(Step.STAND, f"at pose {visit.pose}, visit {visit.visit}")
 
     def _stay(self, number: int, visit: Visit) -> str | None:
         """Wait for standstill and dwell there; say why not, if it never came."""
@@ -155,12 +162,16 @@ class DrivenPlan:
             if trouble is not None:
                 return trouble
             self._session.enter(Phase.DWELLING, number, f"dwelling at pose {visit.pose}")
+            self._session.step(Step.RECORD, f"pose {visit.pose}, visit {visit.visit} stands still")
             end_ns = begin_ns + self._dwell_ns
             while (now_ns := self._session.tick()) < end_ns + round(TICK_S * SECOND):
                 pass
-            if not self._session.moving(begin_ns, end_ns):
+            moved = self._session.moving(begin_ns, end_ns)
+            if not moved:
                 self._session.record(Dwell(now_ns, begin_ns, end_ns, visit.pose, visit.visit))
+                self._session.step(Step.STAND, "the dwell is recorded")
                 return None
+            self._session.step(Step.STAND, f"{', '.join(moved)} moved in the dwell")
             still_ns = now_ns
 
     def _settle(self, since_ns: int, limit_ns: int) -> tuple[int, str | None]:

@@ -1,75 +1,192 @@
-"""The joint drives of a session: every command is recorded with its cause.
+"""The joint drives of a session: every command is judged, recorded with its cause, and given.
 
-Owns the way back to safe mode, which goes on past any drive that does not answer. A drive
-that does not answer in time is told again, since an answer can be late on a busy bus and
-every command may be repeated without harm; each time is recorded as a fault.
+Commands are judged here and nowhere else, before they reach a wire: the session's state and
+the rig's interlocks can refuse. A drive may take seconds to obey or not to answer; it is told
+in a thread of its own, so that the session goes on looking after the others meanwhile.
+
+Owns the way back to safe mode: all drives are told to be off at the same time, whatever one of
+them does or an exception says. Drives are off, not held: joints that nobody supervises must not
+over-constrain a closed loop. A drive that does not answer in time is told again, since an
+answer can be late on a busy bus and every command may be repeated without harm; each time is
+recorded as a fault.
 """
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from typing import TypeVar
 
-from daq.clock import Clock
-from drivers import DeviceSilent, DriverError, JointDrive
+from daq.clock import SECOND, Clock
+from daq.errors import Interlocked
+from daq.interlocks import Interlocks
+from daq.scale import Scale
+from daq.states import SessionStates
+from drivers import DeviceSilent, JointDrive
 from recordings.events import Event, Fault, Mode, ModeCommand, ModeReport
+
+_T = TypeVar("_T")
 
 ATTEMPTS = 3
 """How often a drive that does not answer is told a command."""
 
+AHEAD_S = 0.1
+"""How much sooner drives that hold their joints are switched off than the others [s]."""
+
+LONGEST_OFF_S = 15.0
+"""How long a drive may take to be switched off [s]; then its watchdog must do it."""
+
+WATCH_S = 0.02
+"""How long a command may take before the session looks after everything else [s]."""
+
 
 class Drives:
-    """All joint drives of a rig.
+    """All joint drives of a rig. Commands come from one thread.
 
     Args:
         joints: drive of each joint.
+        scales: meaning of the counts of each joint that may be sent to targets.
+        states: state of the session; says what may be commanded now.
+        interlocks: what may never be commanded.
+        seen: latest report of a joint's drive, or None before the first.
         clock: time of the session.
-        record: takes every command, and every fault on the way to safe mode.
+        record: takes every command, and every fault.
     """
 
     def __init__(
-        self, joints: Mapping[str, JointDrive], clock: Clock, record: Callable[[Event], None]
+        self,
+        *,
+        joints: Mapping[str, JointDrive],
+        scales: Mapping[str, Scale],
+        states: SessionStates,
+        interlocks: Interlocks,
+        seen: Callable[[str], ModeReport | None],
+        clock: Clock,
+        record: Callable[[Event], None],
     ) -> None:
         self._joints = dict(joints)
+        self._scales = scales
+        self._states = states
+        self._interlocks = interlocks
+        self._seen = seen
         self._clock = clock
         self._record = record
-        self._in_position: set[str] = set()
+        self._told: dict[str, Mode] = {}
+        self._targets: dict[str, tuple[float, int]] = {}
+        self._stuck: set[str] = set()
+        self._ending = threading.Event()
+        self._meanwhile: Callable[[], object] = lambda: None
+        self._threads = {
+            joint: ThreadPoolExecutor(1, f"loopcal-drive-{joint}") for joint in self._joints
+        }
 
     @property
     def joints(self) -> tuple[str, ...]:
         """Joints that have a drive."""
         return tuple(self._joints)
 
+    def supervise_by(self, look: Callable[[], object]) -> None:
+        """While a command takes long, ``look`` is called over and over; what it raises ends the wait."""
+        self._meanwhile = look
+
+    def vouch(self, until_ns: int) -> None:
+        """The session supervises, and drives need not trip before ``until_ns``."""
+        for drive in self._joints.values():
+            drive.vouch(until_ns)
+
     def set_mode(self, joint: str, mode: Mode, cause: str) -> None:
-        """Command a mode; raises DriverError."""
+        """Command a mode; raises NotAllowed, Interlocked, DriverError, or what supervising raises."""
+        self._states.require_mode(joint, mode)
+        self._require(joint, self._interlocks.of_mode(joint, mode, self._worst_modes()))
+        if mode is not Mode.OFF:
+            # Until it has answered otherwise it may be in either: the stricter one counts.
+            before = self._told.get(joint)
+            self._told[joint] = Mode.POSITION if before is Mode.POSITION else mode
         self._record(ModeCommand(joint, self._clock.now_ns(), mode, None, cause))
-        if mode is Mode.POSITION:
-            self._in_position.add(joint)
         self._insist(joint, lambda drive: drive.set_mode(mode))
-        if mode is not Mode.POSITION:
-            self._in_position.discard(joint)
+        self._told[joint] = mode
+        self._targets.pop(joint, None)
 
     def move_to(self, joint: str, target_raw: int, cause: str) -> None:
-        """Command a target of position mode, in counts of the sensing channel; raises DriverError."""
+        """Command a target of position mode, in counts of the sensing channel; raises as `set_mode`."""
+        self._states.require_target(joint)
         now_ns = self._clock.now_ns()
+        target = self._scales[joint].value(target_raw)
+        last, since_ns = self._targets.get(joint, (target, now_ns))
+        seconds = (now_ns - since_ns) / SECOND
+        self._require(joint, self._interlocks.of_target(joint, target, last, seconds))
+        self._targets[joint] = (target, now_ns)
         self._record(ModeCommand(joint, now_ns, Mode.POSITION, target_raw, cause))
         self._insist(joint, lambda drive: drive.move_to(target_raw))
 
-    def report(self, joint: str) -> ModeReport:
-        """What the drive says it is doing."""
-        return self._joints[joint].report()
+    def hold_at(self, joint: str, value: float) -> None:
+        """``joint`` holds at ``value`` [rad or m] now: where its next target is counted from."""
+        self._targets[joint] = (value, self._clock.now_ns())
 
-    def make_safe(self, cause: str) -> None:
-        """Switch every drive off, those in position mode first; what fails is recorded as a fault."""
-        for joint in sorted(self._joints, key=lambda name: name not in self._in_position):
-            try:
-                self.set_mode(joint, Mode.OFF, cause)
-            except DriverError as error:
-                text = f"the drive of {joint} could not be switched off: {error}"
-                self._record(Fault(self._clock.now_ns(), joint, "not-safe", text))
+    def set_torque(self, joint: str, permille: int, cause: str) -> None:
+        """Command a torque [per mille of rated]; raises as `set_mode`."""
+        self._states.require_target(joint)
+        self._require(joint, self._interlocks.of_torque(joint, permille))
+        self._record(ModeCommand(joint, self._clock.now_ns(), Mode.TORQUE, permille, cause))
+        self._insist(joint, lambda drive: drive.set_torque(permille))
+
+    def report(self, joint: str) -> ModeReport:
+        """What the drive says it is doing; raises DriverError, or what supervising raises."""
+        return self._wait(self._threads[joint].submit(self._joints[joint].report))
+
+    def make_safe(self, cause: str) -> bool:
+        """Switch every drive off, those in position mode first; whether all have answered.
+
+        What fails is recorded as a fault and never raised. No earlier command is given any more.
+        """
+        self._ending.set()
+        holding = [joint for joint in self._joints if self._told.get(joint) is Mode.POSITION]
+        others = [joint for joint in self._joints if joint not in holding]
+        ends: dict[str, Future[None]] = {}
+        for joints in (holding, others):
+            for joint in joints:
+                self._record(ModeCommand(joint, self._clock.now_ns(), Mode.OFF, None, cause))
+                ends[joint] = self._threads[joint].submit(self._switch_off, joint)
+            wait(ends.values(), AHEAD_S)
+        wait(ends.values(), LONGEST_OFF_S)
+        answered = [self._is_off(joint, end) for joint, end in ends.items()]
+        return all(answered)
+
+    def close(self) -> None:
+        """End the threads; that of a drive that never returned is left behind."""
+        for joint, thread in self._threads.items():
+            thread.shutdown(wait=joint not in self._stuck, cancel_futures=True)
+
+    def _worst_modes(self) -> dict[str, Mode]:
+        """What each drive may be in: what it was told, unless it reports position mode."""
+        modes = {joint: self._told.get(joint, Mode.UNKNOWN) for joint in self._joints}
+        for joint in self._joints:
+            report = self._seen(joint)
+            if report is not None and report.mode is Mode.POSITION:
+                modes[joint] = Mode.POSITION
+        return modes
+
+    def _require(self, joint: str, reason: str) -> None:
+        if reason:
+            self._record(Fault(self._clock.now_ns(), joint, "interlock", f"refused: {reason}"))
+            raise Interlocked(joint, f"a command was refused: {reason}")
 
     def _insist(self, joint: str, command: Callable[[JointDrive], None]) -> None:
+        self._wait(self._threads[joint].submit(self._give, joint, command))
+
+    def _wait(self, answer: Future[_T]) -> _T:
+        while not wait((answer,), WATCH_S).done:
+            self._meanwhile()
+        return answer.result()
+
+    def _give(
+        self, joint: str, command: Callable[[JointDrive], None], *, last: bool = False
+    ) -> None:
         """Give a command, again if it is not answered; raises DriverError."""
         for attempt in range(1, ATTEMPTS + 1):
+            if self._ending.is_set() and not last:
+                return
             try:
                 command(self._joints[joint])
                 return
@@ -78,3 +195,19 @@ class Drives:
                 self._record(Fault(self._clock.now_ns(), joint, "no-answer", text))
                 if attempt == ATTEMPTS:
                     raise
+
+    def _switch_off(self, joint: str) -> None:
+        self._give(joint, lambda drive: drive.set_mode(Mode.OFF), last=True)
+
+    def _is_off(self, joint: str, end: Future[None]) -> bool:
+        if not end.done():
+            self._stuck.add(joint)
+            why = f"it has not returned for {LONGEST_OFF_S:g} s"
+        elif (error := end.exception()) is not None:
+            why = f"{type(error).__name__}: {error}"
+        else:
+            self._told[joint] = Mode.OFF
+            return True
+        text = f"the drive of {joint} could not be switched off, its watchdog must do it: {why}"
+        self._record(Fault(self._clock.now_ns(), joint, "not-safe", text))
+        return False

@@ -52,3 +52,22 @@ class SessionFailed(DaqError):
     def __init__(self, source: str, text: str) -> None:
         self.source = source
         super().__init__(text)
+
+
+class Interlocked(SessionFailed):
+    """An interlock of the rig refuses a command, or was seen to be violated; ``source`` is the joint."""
+
+
+class ArmingExpired(SessionFailed):
+    """Nobody renewed the arming in time."""
+
+    def __init__(self, valid_s: float) -> None:
+        super().__init__(
+            "arming",
+            f"the arming ended: nobody renewed it for {valid_s:g} s; arm again to go on, or arm "
+            "for longer (--arm-for, or arming_s in the rig's interlocks)",
+        )
+
+
+class NotAllowed(DaqError):
+    """The state of the session does not allow this: a mistake of the program, which makes it safe."""

@@ -65,6 +65,18 @@ class LiveState:
         with self._lock:
             return tuple(name for name, ring in self._rings.items() if ring.latest is None)
 
+    def newest(self, count: int) -> tuple[Mapping[str, Window], Mapping[str, int]]:
+        """Per channel, its newest ``count`` samples, oldest first, and the raw count of the last one."""
+        with self._lock:
+            windows = {name: ring.window(count) for name, ring in self._rings.items()}
+            latest = {n: ring.latest for n, ring in self._rings.items() if ring.latest is not None}
+            return windows, latest
+
+    def ages(self, now_ns: int) -> Mapping[str, int]:
+        """Per channel, how long ago its newest usable reading came [ns]."""
+        with self._lock:
+            return {name: now_ns - ring.latest_ns for name, ring in self._rings.items()}
+
     def mode(self, joint: str) -> ModeReport | None:
         """Latest report of the drive of ``joint``, or None before the first."""
         with self._lock:
@@ -98,6 +110,7 @@ class _Ring:
         self._unwrapped = 0
         self._modulus = modulus
         self.latest: int | None = None
+        self.latest_ns = 0
 
     def add(self, reading: Reading) -> None:
         if reading.flags & (ReadingFlag.STALE | ReadingFlag.DEVICE_ERROR):
@@ -108,20 +121,19 @@ class _Ring:
             step = (step + half) % self._modulus - half
         self._unwrapped += step
         self.latest = reading.raw
+        self.latest_ns = reading.time_ns
         at = self._total % len(self._counts)
         self._time_ns[at] = reading.time_ns
         self._counts[at] = self._unwrapped
         self._total += 1
 
-    def window(self) -> Window:
+    def window(self, count: int | None = None) -> Window:
+        """The newest ``count`` samples, or all that are kept; oldest first."""
         keep = len(self._counts)
-        if self._total < keep:
-            return Window(self._time_ns[: self._total].copy(), self._counts[: self._total].copy())
-        at = self._total % keep
-        return Window(
-            np.concatenate([self._time_ns[at:], self._time_ns[:at]]),
-            np.concatenate([self._counts[at:], self._counts[:at]]),
-        )
+        have = min(self._total, keep)
+        wanted = have if count is None else min(count, have)
+        at = np.arange(self._total - wanted, self._total) % keep
+        return Window(self._time_ns[at], self._counts[at])
 
     def rate(self, now_ns: int) -> float:
         window = self.window()

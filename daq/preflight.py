@@ -10,9 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from daq.errors import CannotRecord, NotArmed, NotReady, PlanNotPossible
+from daq.interlocks import Interlocks
 from daq.scale import scale_of
 from drivers import DeviceStatus, DriverError, Link
 from recordings.rig import Plan, Rig, Visit
+
+MOST_SHOWN = 10
+"""Violations of interlocks that one error names."""
 
 
 def check_path(path: Path) -> None:
@@ -26,18 +30,19 @@ def check_path(path: Path) -> None:
         raise CannotRecord(f"there is no folder '{path.parent}' for the recording; make it first")
 
 
-def check_plan(rig: Rig, plan: Plan, stops: Sequence[Visit]) -> None:
+def check_plan(rig: Rig, plan: Plan, stops: Sequence[Visit], interlocks: Interlocks) -> None:
     """Whether the rig describes all that ``plan`` needs, without looking at hardware.
 
     Args:
         rig: the rig.
         plan: the plan to be executed.
         stops: its visits.
+        interlocks: what may not be.
 
     Raises:
         NotReady: channels without a device.
-        PlanNotPossible: a target lies outside a count range or a joint's limits, or a joint
-            to be driven has no channel or no drive.
+        PlanNotPossible: a target lies outside a count range, a joint to be driven has no
+            channel or no drive, or the interlocks forbid it.
     """
     loose = [channel.name for channel in rig.channels if channel.device is None]
     if loose:
@@ -45,7 +50,6 @@ def check_plan(rig: Rig, plan: Plan, stops: Sequence[Visit]) -> None:
             [f"channel '{name}': the rig names no device that delivers it" for name in loose]
         )
     moved = {device.joint for device in rig.devices}
-    limits = {joint.name: joint.limits for joint in getattr(rig.mechanism, "joints", ())}
     scales = {joint: scale_of(rig, joint) for joint in plan.drives}
     for joint in plan.drives:
         if joint not in moved:
@@ -53,12 +57,12 @@ def check_plan(rig: Rig, plan: Plan, stops: Sequence[Visit]) -> None:
     for visit in stops:
         for joint, target in zip(plan.drives, visit.targets, strict=True):
             scales[joint].counts(target)
-            allowed = limits.get(joint)
-            if allowed is not None and not allowed.low <= target <= allowed.high:
-                raise PlanNotPossible(
-                    f"pose {visit.pose} takes '{joint}' to {target:.6g} (rad or m), outside its "
-                    f"limits [{allowed.low:.6g}, {allowed.high:.6g}]; correct the plan"
-                )
+    if forbidden := interlocks.of_plan(plan, stops):
+        raise PlanNotPossible(
+            "the plan violates the interlocks of the rig; correct it:"
+            + "".join(f"\n  {text}" for text in forbidden[:MOST_SHOWN])
+            + (f"\n  and {len(forbidden) - MOST_SHOWN} more" if len(forbidden) > MOST_SHOWN else "")
+        )
 
 
 def open_all(links: Sequence[Link]) -> tuple[DeviceStatus, ...]:
@@ -95,7 +99,7 @@ def arm_drives(
     joints: Mapping[str, object],
     statuses: Sequence[DeviceStatus],
     arm: Callable[[tuple[str, ...]], bool],
-) -> None:
+) -> bool:
     """Ask for permission to move the joints that a real drive moves.
 
     A drive that says that it is virtual can hurt nobody and needs no arming.
@@ -105,6 +109,9 @@ def arm_drives(
         joints: the joints with a drive.
         statuses: of all devices.
         arm: asked once, with the joints that real drives move; True permits.
+
+    Returns:
+        whether there are real drives, which are then armed.
 
     Raises:
         NotArmed: permission was refused.
@@ -116,3 +123,4 @@ def arm_drives(
         raise NotArmed(
             f"arming of {', '.join(real)} was refused; nothing was moved and nothing recorded"
         )
+    return bool(real)

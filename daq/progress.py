@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from recordings.events import Fault
+from recordings.events import Fault, SessionState
 
 
 class Phase(StrEnum):
@@ -54,6 +54,8 @@ class Progress:
         faults: number of faults so far.
         latest_fault: the newest fault kept, or None.
         hint: what comes next, or what the operator is asked to do.
+        state: which state the session is in.
+        armed_s: how long the arming still lasts [s], or None where none is needed.
     """
 
     phase: Phase
@@ -65,3 +67,5 @@ class Progress:
     faults: int
     latest_fault: Fault | None
     hint: str
+    state: SessionState = SessionState.IDLE
+    armed_s: float | None = None

@@ -1,7 +1,7 @@
 """A capture session, from preflight to the closed recording.
 
-Order of a session: look at path and plan; open and ask every device; arm; sample, until
-every channel has delivered; only then create the file, and only then move. However the
+Order of a session: look at path, plan and interlocks; open and ask every device; arm; sample,
+until every channel has delivered; only then create the file, and only then move. However the
 session ends, the drives go to safe mode first, then the links stop, then the file is
 completed and closed. All threads have ended when `capture` returns or raises.
 """
@@ -17,23 +17,29 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType
 
+from daq.arming import Arming
 from daq.by_hand import ByHandPlan
 from daq.clock import SECOND, Clock, HostClock
 from daq.driven import DrivenPlan
 from daq.drives import Drives
 from daq.errors import CannotRecord, NotReady, PlanNotPossible, SessionFailed, StopRequested
 from daq.event_queue import EventQueue
+from daq.guard import Guard
+from daq.interlocks import Interlocks
 from daq.link_thread import LinkThread
 from daq.live import LiveState
+from daq.mobility import Mobility, counted
 from daq.options import CaptureOptions
 from daq.preflight import arm_drives, check_path, check_plan, open_all
 from daq.progress import Progress
 from daq.recorder import Recorder
+from daq.scale import scale_of
+from daq.states import SessionStates, Step
 from daq.summary import CaptureSummary, Ending
 from daq.supervision import TICK_S, Supervision
 from drivers import DriverError, JointDrive, Link, make_links
 from recordings.errors import RecordingError
-from recordings.events import Mark, Mode
+from recordings.events import Event, Mark, Mode
 from recordings.rig import Plan, Rig, Visit, visits
 from recordings.session import Session
 from recordings.writer import Writer
@@ -55,6 +61,9 @@ def capture(
     links: Sequence[Link] | None = None,
     clock: Clock | None = None,
     arm: Callable[[tuple[str, ...]], bool] = _refuse,
+    arming: Arming | None = None,
+    arm_virtual: bool = False,
+    mobility: Mobility | None = None,
     on_progress: Callable[[Progress], None] = _ignore,
     stop: threading.Event | None = None,
     operator: str = "",
@@ -64,8 +73,8 @@ def capture(
 ) -> CaptureSummary:
     """Execute the plan of a rig and record it.
 
-    SIGINT (Ctrl-C) and SIGTERM end the session like ``stop``, when called from the main
-    thread: safe mode, complete file, summary.
+    SIGINT (Ctrl-C), SIGTERM and SIGHUP end the session like ``stop``, when called from the main
+    thread: safe mode, complete file, summary. A second one changes nothing.
 
     Args:
         rig: the rig, as parsed from ``rig_toml``.
@@ -76,6 +85,11 @@ def capture(
         clock: time of the session; None takes the host's.
         arm: asked for permission before the joints named are moved; only joints of drives
             that do not say that they are virtual. Refuses unless given.
+        arming: how long that permission lasts, made for ``clock``, to be renewed by the operator
+            or a live service. None takes the rig's ``arming_s``, and nobody renews it.
+        arm_virtual: whether it may run out on virtual drives too.
+        mobility: how the mechanism can move, which limits what may be held in position
+            together; None counts joints and constraints.
         on_progress: takes a snapshot about five times a second, in the calling thread.
         stop: set it from anywhere to end the session.
         operator: who runs it, for the record.
@@ -92,6 +106,7 @@ def capture(
         NotReady: ports, devices or channels do not answer; all of them are named.
         PlanNotPossible: there is no plan, or it does not fit the rig.
         NotArmed: arming was refused.
+        NotAllowed: a mistake of the program, after the session was made safe.
         StopRequested: stopped before the recording began.
         OptionError: a device's options do not fit its driver (from `drivers`).
     """
@@ -101,7 +116,8 @@ def capture(
     target = Path(path)
     check_path(target)
     stops = visits(plan)
-    check_plan(rig, plan, stops)
+    interlocks = Interlocks(rig, mobility or counted(rig))
+    check_plan(rig, plan, stops, interlocks)
     clock = clock or HostClock()
     stop = stop or threading.Event()
     links = make_links(rig, clock) if links is None else links
@@ -110,10 +126,21 @@ def capture(
             closing.callback(link.close)
         statuses = open_all(links)
         joints = {joint: drive for link in links for joint, drive in link.joints.items()}
-        arm_drives(rig, joints, statuses, arm)
+        arming = arming or Arming(clock, rig.interlocks.arming)
+        limited = arm_drives(rig, joints, statuses, arm) or arm_virtual
+        arming.grant()
         with _signals_set(stop):
             session = _Session(
-                rig, plan, stops, links, joints, clock, stop, options or CaptureOptions()
+                rig=rig,
+                plan=plan,
+                stops=stops,
+                links=links,
+                joints=joints,
+                interlocks=interlocks,
+                arming=arming if limited else None,
+                clock=clock,
+                stop=stop,
+                options=options or CaptureOptions(),
             )
             metadata = Session(
                 session_id=uuid.uuid4().hex,
@@ -128,7 +155,7 @@ def capture(
 
 @contextmanager
 def _signals_set(stop: threading.Event) -> Iterator[None]:
-    """Let SIGINT and SIGTERM set ``stop``: an exception in the middle of a command would be unsafe."""
+    """Let signals set ``stop``: an exception in the middle of a command would be unsafe."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -136,8 +163,11 @@ def _signals_set(stop: threading.Event) -> Iterator[None]:
     def on_signal(number: int, frame: FrameType | None) -> None:
         stop.set()
 
+    # A closed terminal hangs up; systems without terminals have no such signal.
+    names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
     before = {
-        number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)
+        number: signal.signal(number, on_signal)
+        for number in map(signal.Signals.__getitem__, names)
     }
     try:
         yield
@@ -151,11 +181,14 @@ class _Session:
 
     def __init__(
         self,
+        *,
         rig: Rig,
         plan: Plan,
         stops: Sequence[Visit],
         links: Sequence[Link],
         joints: dict[str, JointDrive],
+        interlocks: Interlocks,
+        arming: Arming | None,
         clock: Clock,
         stop: threading.Event,
         options: CaptureOptions,
@@ -166,10 +199,30 @@ class _Session:
         self._clock = clock
         self._stop = stop
         self._options = options
-        self._joints = joints
         seconds = 2.0 + 2.0 * max(plan.dwell, plan.settle)
         self._live = LiveState(rig.channels, keep=max(64, round(seconds * plan.sample)))
         self._queue = EventQueue(options.queue_capacity)
+        self._states = SessionStates(clock, lambda change: self._record([change]))
+        self._drives = Drives(
+            joints=joints,
+            scales={joint: scale_of(rig, joint) for joint in plan.drives},
+            states=self._states,
+            interlocks=interlocks,
+            seen=self._live.mode,
+            clock=clock,
+            record=lambda event: self._record([event]),
+        )
+        self._guard = Guard(
+            rig=rig,
+            plan=plan,
+            states=self._states,
+            drives=self._drives,
+            interlocks=interlocks,
+            arming=arming,
+            live=self._live,
+            record=lambda fault: self._record([fault]),
+        )
+        self._armed = "the operator armed" if arming is not None else "no real drive is moved"
         self._links = [
             LinkThread(link, plan.sample, self._live, self._queue, clock) for link in links
         ]
@@ -239,15 +292,16 @@ class _Session:
             queue=self._queue,
             links=self._links,
             recorder=recorder,
+            states=self._states,
+            guard=self._guard,
             on_progress=on_progress,
             max_duration_s=self._options.max_duration_s,
         )
-        drives = Drives(self._joints, self._clock, supervision.record)
         ending, why = Ending.FAILED, "a fault of the program itself"
         cause: Exception | None = None
         try:
             try:
-                self._execute(supervision, drives)
+                self._execute(supervision)
                 ending, why = Ending.COMPLETE, ""
             except StopRequested as request:
                 ending, why = Ending.STOPPED, str(request)
@@ -256,10 +310,13 @@ class _Session:
             supervision.show_stopping()
         finally:
             try:
-                drives.make_safe(f"end of session: {ending}")
                 text = f"session {ending}: {why}" if why else f"session {ending}"
-                supervision.record(Mark(self._clock.now_ns(), text))
+                self._states.take(Step.MAKE_SAFE, text)
+                if self._drives.make_safe(text):
+                    self._states.take(Step.RESET, "every drive has answered that it is off")
+                self._record([Mark(self._clock.now_ns(), text)])
             finally:
+                self._drives.close()
                 self._stop_links()
                 self._queue.close()
                 recorder.join()
@@ -274,10 +331,14 @@ class _Session:
             dwells=supervision.dwells,
             ledger=recorder.ledger,
             faults=self._live.faults,
+            states=self._states.changes,
             error=cause,
         )
 
-    def _execute(self, supervision: Supervision, drives: Drives) -> None:
+    def _execute(self, supervision: Supervision) -> None:
+        drives = self._drives
+        drives.supervise_by(supervision.tick)
+        supervision.step(Step.ARM, self._armed)
         if self._plan.mode == "driven":
             plan = DrivenPlan(
                 self._rig, self._plan, self._stops, drives, supervision, self._options
@@ -288,6 +349,11 @@ class _Session:
             drives.set_mode(joint, Mode.OFF, "before the plan")
             drives.set_mode(joint, Mode.FREE, "moved by hand")
         ByHandPlan(self._plan, len(self._stops), supervision).run()
+
+    def _record(self, events: Sequence[Event]) -> None:
+        """Put events of the session itself on their way to the file."""
+        self._live.observe(events)
+        self._queue.offer(events)
 
     def _stop_links(self) -> None:
         for link in self._links:

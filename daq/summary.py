@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from recordings.events import Dwell, Fault, LedgerEntry
+from recordings.events import Dwell, Fault, LedgerEntry, StateChange
 
 
 class Ending(StrEnum):
@@ -31,6 +31,7 @@ class CaptureSummary:
         dwells: dwells recorded, in order.
         ledger: per channel, what should have come, what came, and where the rest went.
         faults: faults in order of arrival, those of stopping included.
+        states: every change of the session's state, with its cause.
         error: exception behind a failure, for whoever looks for a bug; or None.
     """
 
@@ -42,6 +43,7 @@ class CaptureSummary:
     dwells: tuple[Dwell, ...]
     ledger: Mapping[str, LedgerEntry]
     faults: tuple[Fault, ...]
+    states: tuple[StateChange, ...] = ()
     error: BaseException | None = None
 
     @property

@@ -1,8 +1,8 @@
 """The time of a running session passes here, tick by tick, and nowhere else.
 
 At every tick a session looks whether it may go on: whether the operator asked to stop, a
-link or the file failed, or a drive reports a fault. Whatever moves or waits does so by
-ticking, so nothing can outrun a stop by more than `TICK_S`.
+link or the file failed, a drive reports a fault, or the guard (`daq.guard`) objects. Whatever
+moves or waits does so by ticking, so nothing can outrun a stop by more than `TICK_S`.
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ from collections.abc import Callable, Mapping, Sequence
 from daq.clock import SECOND, Clock
 from daq.errors import SessionFailed, StopRequested
 from daq.event_queue import EventQueue
+from daq.guard import Guard
 from daq.link_thread import LinkThread
 from daq.live import LiveState
 from daq.progress import ChannelProgress, Phase, Progress
 from daq.recorder import Recorder
 from daq.standstill import Window, moving
+from daq.states import SessionStates, Step
 from recordings.events import Dwell, Event, Fault, Mode
 from recordings.rig import Plan, Rig
 
@@ -44,6 +46,8 @@ class Supervision:
         queue: way to the file.
         links: the threads of the links.
         recorder: the thread that writes.
+        states: state of the session.
+        guard: judges drives and joints at every tick.
         on_progress: takes a snapshot every `PROGRESS_S`.
         max_duration_s: when to end of its own accord, or None.
     """
@@ -60,6 +64,8 @@ class Supervision:
         queue: EventQueue,
         links: Sequence[LinkThread],
         recorder: Recorder,
+        states: SessionStates,
+        guard: Guard,
         on_progress: Callable[[Progress], None],
         max_duration_s: float | None,
     ) -> None:
@@ -70,6 +76,8 @@ class Supervision:
         self._queue = queue
         self._links = links
         self._recorder = recorder
+        self._states = states
+        self._guard = guard
         self._on_progress = on_progress
         self._max_duration_s = max_duration_s
         self._noise = {channel.name: channel.noise for channel in rig.channels}
@@ -105,6 +113,14 @@ class Supervision:
             self._dwells.append(event)
         self._queue.offer([event])
 
+    def step(self, step: Step, cause: str) -> None:
+        """Go on to another state; raises NotAllowed."""
+        self._states.take(step, cause)
+
+    def blind(self) -> bool:
+        """Whether a joint has not been seen for so long that drives must not be led on."""
+        return bool(self._guard.blind(self._clock.now_ns()))
+
     def watch_drives(self, modes: Mapping[str, Mode]) -> None:
         """From now on, a drive that leaves its mode here, or reports a fault, ends the session."""
         self._watched = dict(modes)
@@ -124,7 +140,7 @@ class Supervision:
 
         Raises:
             StopRequested: the operator asked to stop, or the longest duration is reached.
-            SessionFailed: a link, the file or a watched drive failed.
+            SessionFailed: a link, the file or a watched drive failed, or the guard objects.
         """
         self._clock.wait(self._stop, TICK_S)
         now_ns = self._clock.now_ns()
@@ -168,6 +184,8 @@ class Supervision:
             faults=self.live.fault_count,
             latest_fault=faults[-1] if faults else None,
             hint=self._hint,
+            state=self._states.now,
+            armed_s=None if self._guard.arming is None else self._guard.arming.left_s,
         )
 
     def _check(self, now_ns: int) -> None:
@@ -194,3 +212,4 @@ class Supervision:
             and now_ns - self._start_ns >= self._max_duration_s * SECOND
         ):
             raise StopRequested(f"the longest duration of {self._max_duration_s:g} s is reached")
+        self._guard.look(now_ns)

@@ -94,6 +94,14 @@ class JointDrive(Protocol):
         """Set the torque [per mille of rated]; raises BadCommand unless the mode is TORQUE."""
         ...
 
+    def vouch(self, until_ns: int) -> None:
+        """Whoever supervises says that the drive need not trip before ``until_ns``.
+
+        A drive with a watchdog is kept from tripping until then and no longer, whatever threads
+        of the link still run. Never waits, never raises.
+        """
+        ...
+
     def report(self) -> ModeReport:
         """What the drive says it is doing, at most 0.2 s old."""
         ...

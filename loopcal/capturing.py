@@ -1,7 +1,16 @@
-"""`loopcal capture`: arming, a live view of the session, and what it left behind."""
+"""`loopcal capture`: arming, a live view of the session, and what it left behind.
+
+Arming ends by itself. Every line on standard input renews it, so that an operator does so with
+the Enter key, and a service that stands in for one by writing a line now and then; where either
+is gone, the arming runs out.
+"""
 
 from __future__ import annotations
 
+import os
+import select
+import sys
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -13,11 +22,16 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
-from daq import CaptureOptions, CaptureSummary, Ending, Progress, capture
+from daq import Arming, CaptureOptions, CaptureSummary, Ending, Progress, capture
 from daq.clock import HostClock
+from daq.mobility import Mobility
 from drivers import make_links
 from loopcal.console import err, out
+from recordings.events import SessionState
 from recordings.rig import Plan, Rig, load_plan, parse_rig, rig_text
+
+SHORT_S = 60.0
+"""An arming that lasts no longer than this [s] is shown in red."""
 
 
 def run_capture(
@@ -28,6 +42,7 @@ def run_capture(
     poses: int | None,
     ports: Mapping[str, str],
     arm: bool,
+    arm_for_s: float | None,
     operator: str,
     notes: str,
     limit_s: float | None,
@@ -36,7 +51,10 @@ def run_capture(
     text, source = rig_text(name)
     rig = parse_rig(text, source)
     clock = HostClock()
-    with _View() as view:
+    limited = arm_for_s is not None
+    arming = Arming(clock, arm_for_s if arm_for_s is not None else rig.interlocks.arming)
+    mobility = _mobility(rig)
+    with _View(arming) as view:
         summary = capture(
             rig,
             text,
@@ -44,6 +62,9 @@ def run_capture(
             links=make_links(rig, clock, ports),
             clock=clock,
             arm=(lambda joints: True) if arm else view.ask,
+            arming=arming,
+            arm_virtual=limited,
+            mobility=mobility,
             on_progress=view.show,
             operator=operator,
             notes=notes,
@@ -52,6 +73,15 @@ def run_capture(
         )
     show_summary(summary)
     return summary.ending is not Ending.FAILED
+
+
+def _mobility(rig: Rig) -> Mobility | None:
+    """How the mechanism can move, where there is a drive to move it: else nobody needs to know."""
+    if all(device.joint is None for device in rig.devices):
+        return None
+    from loopcal.loop_mobility import mobility_of  # the solver takes a while to import
+
+    return mobility_of(rig)
 
 
 def _plan(rig: Rig, path: Path | None, poses: int | None) -> Plan | None:
@@ -66,7 +96,9 @@ class _View:
     On anything but a terminal it prints a line whenever a tenth of the stops is done.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, arming: Arming) -> None:
+        self._arming = arming
+        self._renewals = _Renewals()
         self._bar = Bar(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -98,7 +130,9 @@ class _View:
         return typer.confirm("Arm the drives?", default=False)
 
     def show(self, progress: Progress) -> None:
-        """Draw a snapshot."""
+        """Draw a snapshot, and renew the arming where somebody asked for it."""
+        if progress.armed_s is not None and self._renewals.came():
+            self._arming.renew()
         if not out.is_terminal:
             self._print(progress)
             return
@@ -113,6 +147,7 @@ class _View:
             table.add_row(channel.name, f"{channel.rate_hz:.0f} Hz", str(channel.received), lost)
         lines: list[RenderableType] = [
             Text(f"{progress.phase}: {progress.hint}", style="bold"),
+            *_armed(progress),
             self._bar,
             table,
         ]
@@ -136,6 +171,46 @@ class _View:
                 markup=False,
             )
             out.file.flush()
+
+
+def _armed(progress: Progress) -> list[Text]:
+    """The state, and how long the arming still lasts."""
+    if progress.armed_s is None:
+        return []
+    minutes, seconds = divmod(int(progress.armed_s), 60)
+    style = "red" if progress.armed_s < SHORT_S else ""
+    text = f"{progress.state.name.lower()}; armed for another {minutes}:{seconds:02d}, Enter renews"
+    return [Text(text, style=style)]
+
+
+class _Renewals:
+    """Lines on standard input. Never waits for one; at the end of the input there are no more."""
+
+    def __init__(self) -> None:
+        try:
+            self._descriptor: int | None = sys.stdin.fileno()
+        except (AttributeError, OSError, ValueError):
+            self._descriptor = None
+
+    def came(self) -> bool:
+        """Whether a line has come since the last look."""
+        if self._descriptor is None or not self._ours():
+            return False
+        try:
+            if not select.select([self._descriptor], [], [], 0)[0]:
+                return False
+            data = os.read(self._descriptor, 4096)
+        except OSError:
+            data = b""
+        if not data:
+            self._descriptor = None
+        return b"\n" in data
+
+    def _ours(self) -> bool:
+        """Whether the terminal listens to this process: reading from the background would stop it."""
+        descriptor = self._descriptor
+        assert descriptor is not None
+        return not os.isatty(descriptor) or os.tcgetpgrp(descriptor) == os.getpgrp()
 
 
 def show_summary(summary: CaptureSummary) -> None:
@@ -172,6 +247,7 @@ def show_summary(summary: CaptureSummary) -> None:
         cells = [Text(str(loss), style="red" if loss else "") for loss in losses]
         table.add_row(name, str(entry.expected), str(entry.received), *cells)
     out.print(table)
+    _show_states(summary)
     for fault in summary.faults[:10]:
         out.print(
             Text(f"fault at {fault.source} ({fault.kind}): {fault.text}", style="yellow"),
@@ -179,3 +255,17 @@ def show_summary(summary: CaptureSummary) -> None:
         )
     if len(summary.faults) > 10:
         out.print(f"and {len(summary.faults) - 10} more faults, all in the recording", markup=False)
+
+
+def _show_states(summary: CaptureSummary) -> None:
+    """Print how often the session went from one state to another, and why it last did."""
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for column in ("state", "to", "times", "last because"):
+        table.add_column(column, justify="right" if column == "times" else "left")
+    times = Counter((change.before, change.after) for change in summary.states)
+    last = {(change.before, change.after): change.cause for change in summary.states}
+    for (before, after), count in times.items():
+        style = "bold" if after is SessionState.SAFE else ""
+        cells = (before.name.lower(), after.name.lower(), str(count), last[before, after])
+        table.add_row(*(Text(cell, style=style) for cell in cells))
+    out.print(table)

@@ -20,7 +20,7 @@ def show_check(name: str) -> bool:
     """Print the findings about a rig; whether it has mistakes."""
     rig = load_rig(name)
     found = check_rig(rig)
-    mistakes = [*found.mistakes, *_device_mistakes(rig)]
+    mistakes = [*found.mistakes, *_device_mistakes(rig), *_interlock_mistakes(rig)]
     out.print(f"[bold]{rig.title or rig.name}[/bold]")
     if rig.description:
         out.print(rig.description, markup=False)
@@ -45,6 +45,22 @@ def _device_mistakes(rig: Rig) -> list[str]:
     except DriverError as error:
         return [str(error)]
     return []
+
+
+def _interlock_mistakes(rig: Rig) -> tuple[str, ...]:
+    """What in the rig's own plan its interlocks would refuse."""
+    from daq.errors import PlanNotPossible
+    from daq.interlocks import Interlocks
+    from loopcal.loop_mobility import mobility_of
+    from recordings.rig import visits
+    from solver.errors import MechanismError
+
+    if rig.plan is None:
+        return ()
+    try:
+        return Interlocks(rig, mobility_of(rig)).of_plan(rig.plan, visits(rig.plan))
+    except (MechanismError, PlanNotPossible) as error:
+        return (str(error),)
 
 
 def _facts(rig: Rig, found: RigCheck) -> Table:

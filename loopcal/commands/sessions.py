@@ -80,6 +80,16 @@ def capture(
             "--arm", help="Arm real drives without asking. Virtual drives need no arming."
         ),
     ] = False,
+    arm_for: Annotated[
+        float | None,
+        typer.Option(
+            "--arm-for",
+            metavar="SECONDS",
+            min=1.0,
+            help="How long an arming lasts, unless a line on standard input (Enter) renews it; then the "
+            "session goes safe. By default arming_s of the rig's interlocks, for real drives only.",
+        ),
+    ] = None,
     operator: Annotated[str, typer.Option(help="Who runs the session, for the record.")] = "",
     notes: Annotated[str, typer.Option(help="Remarks, for the record.")] = "",
     limit: Annotated[
@@ -98,6 +108,7 @@ def capture(
             poses=poses,
             ports=ports_by_name(port),
             arm=arm,
+            arm_for_s=arm_for,
             operator=operator,
             notes=notes,
             limit_s=limit,

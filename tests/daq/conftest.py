@@ -93,6 +93,7 @@ class Bench:
     stuck: set[str] = field(default_factory=set)
     on_sample: Callable[[float], None] = lambda seconds: None
     links: list[FakeLink] = field(default_factory=list)
+    vouched_ns: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.modes = {d.joint: Mode.OFF for d in self.rig.devices if d.joint is not None}
@@ -158,6 +159,9 @@ class FakeDrive:
 
     def set_torque(self, permille: int) -> None:
         raise AssertionError("no session sets a torque")
+
+    def vouch(self, until_ns: int) -> None:
+        self._bench.vouched_ns[self.joint] = until_ns
 
     def report(self) -> ModeReport:
         mode = self._bench.modes[self.joint]

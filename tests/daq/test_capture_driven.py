@@ -88,7 +88,11 @@ def test_targets_move_in_small_steps(arm, tmp_path):
 def test_every_command_is_recorded_with_its_cause(arm, tmp_path):
     run(arm, tmp_path / "arm.mcap")
     commands = read_recording(tmp_path / "arm.mcap").mode_commands
-    assert [(c.joint, c.mode, c.target_raw) for c in commands] == arm.log
+    recorded = [(c.joint, c.mode, c.target_raw) for c in commands]
+    # At the end all drives are told at once, whichever thread comes first.
+    end = -len(arm.modes)
+    assert recorded[:end] == arm.log[:end]
+    assert set(recorded[end:]) == set(arm.log[end:])
     assert all(command.cause for command in commands)
 
 
