@@ -1,25 +1,56 @@
 """A serial port, pty or pyserial URL, read in whole blocks.
 
-pyserial reads byte by byte where it does not know how much has come (always, on a socket), and
-sets up the port anew for each change of its timeout. Here one wait and one read give all that
-has come: what full CAN buses and ADC streams need.
+pyserial reads byte by byte where it does not know how much has come (always, on a socket), sets
+up the port anew for each change of its timeout, and does not close a socket whose peer is gone.
+Here one wait and one read give all that has come: what full CAN buses and ADC streams need.
+``socket://HOST:PORT`` is a plain TCP connection.
 """
 
 from __future__ import annotations
 
-import io
 import os
 import select
-import sys
+import socket
+from typing import Protocol
+from urllib.parse import urlsplit
 
 import serial  # type: ignore[import-untyped]
 
 BLOCK = 65_536
 WRITE_TIMEOUT_S = 0.25
+CONNECT_TIMEOUT_S = 2.0
 
 
-class SerialBlocks:
-    """An open port.
+class SerialBlocks(Protocol):
+    """An open port."""
+
+    def read(self, timeout_s: float | None) -> bytes:
+        """All that has come; if nothing has, what comes first within ``timeout_s`` (None: for ever).
+
+        Raises:
+            OSError: the port is gone.
+        """
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Send all of ``data``, waiting at most `WRITE_TIMEOUT_S`; raises OSError."""
+        ...
+
+    def close(self) -> None:
+        """Let the port go."""
+        ...
+
+
+def open_blocks(
+    path: str,
+    *,
+    baudrate: int,
+    parity: str = "N",
+    stopbits: int = 1,
+    rtscts: bool = False,
+    exclusive: bool | None = None,
+) -> SerialBlocks:
+    """Open a port.
 
     Args:
         path: device path or any URL of pyserial.
@@ -28,20 +59,12 @@ class SerialBlocks:
 
     Raises:
         OSError: the port cannot be opened.
-        ValueError: pyserial does not know the URL, or a parameter.
+        ValueError: no such kind of URL, or a parameter that the port cannot have.
     """
-
-    def __init__(
-        self,
-        path: str,
-        *,
-        baudrate: int,
-        parity: str = "N",
-        stopbits: int = 1,
-        rtscts: bool = False,
-        exclusive: bool | None = None,
-    ) -> None:
-        self._serial = serial.serial_for_url(
+    if path.startswith("socket://"):
+        return _Socket(path)
+    return _Terminal(
+        serial.serial_for_url(
             path,
             baudrate=baudrate,
             parity=parity,
@@ -51,42 +74,67 @@ class SerialBlocks:
             timeout=0.0,
             write_timeout=WRITE_TIMEOUT_S,
         )
-        self._poll = None
-        if sys.platform != "win32":
-            try:
-                descriptor = self._serial.fileno()
-            except (AttributeError, io.UnsupportedOperation):
-                return
-            self._descriptor = descriptor
-            self._poll = select.poll()
-            self._poll.register(descriptor, select.POLLIN)
+    )
+
+
+class _Socket:
+    def __init__(self, url: str) -> None:
+        parts = urlsplit(url)
+        if parts.hostname is None or parts.port is None:
+            raise ValueError(f"'{url}' is no URL of a socket, expected socket://HOST:PORT")
+        self._socket = socket.create_connection((parts.hostname, parts.port), CONNECT_TIMEOUT_S)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def read(self, timeout_s: float | None) -> bytes:
-        """All that has come; if nothing has, what comes first within ``timeout_s`` (None: for ever).
-
-        Raises:
-            OSError: the port is gone.
-        """
-        if self._poll is None:
-            return self._read_slowly(timeout_s)
-        wait_ms = None if timeout_s is None else max(timeout_s, 0.0) * 1000
-        if not self._poll.poll(wait_ms):
+        # A timeout of 0 would be non-blocking, which raises another error.
+        self._socket.settimeout(None if timeout_s is None else max(timeout_s, 1e-6))
+        try:
+            data = self._socket.recv(BLOCK)
+        except TimeoutError:
             return b""
-        data = os.read(self._descriptor, BLOCK)
         if not data:
-            raise ConnectionResetError("the other end has closed the port")
+            raise ConnectionResetError("the other end has closed the connection")
         return data
 
     def write(self, data: bytes) -> None:
-        """Send all of ``data``, waiting at most `WRITE_TIMEOUT_S`; raises OSError."""
+        self._socket.settimeout(WRITE_TIMEOUT_S)
+        self._socket.sendall(data)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class _Terminal:
+    def __init__(self, port: serial.SerialBase) -> None:
+        self._serial = port
+        self._poll = None
+        if os.name == "posix":
+            try:
+                self._descriptor = int(port.fileno())
+            except (AttributeError, OSError):
+                # loop:// and rfc2217:// have none to wait on.
+                return
+            self._poll = select.poll()
+            self._poll.register(self._descriptor, select.POLLIN)
+
+    def read(self, timeout_s: float | None) -> bytes:
+        if self._poll is None:
+            return self._read_slowly(timeout_s)
+        if not self._poll.poll(None if timeout_s is None else max(timeout_s, 0.0) * 1000):
+            return b""
+        data = os.read(self._descriptor, BLOCK)
+        if not data:
+            raise ConnectionResetError("the device is ready to read, and gives nothing")
+        return data
+
+    def write(self, data: bytes) -> None:
         self._serial.write(data)
 
     def close(self) -> None:
-        """Let the port go."""
         self._serial.close()
 
     def _read_slowly(self, timeout_s: float | None) -> bytes:
-        """Where the port has no descriptor to wait on (Windows, ``loop://``, ``rfc2217://``)."""
+        """Where there is no descriptor to wait on."""
         if not self._serial.in_waiting:
             if timeout_s != self._serial.timeout:
                 self._serial.timeout = timeout_s

@@ -28,7 +28,7 @@ import can
 from can.exceptions import CanInitializationError, CanOperationError
 from pydantic import Field
 
-from drivers.serial_blocks import SerialBlocks
+from drivers.serial_blocks import open_blocks
 from recordings.rig.quantity import Described
 
 BIT_RATES = {
@@ -231,7 +231,7 @@ class SlcanBus(can.BusABC):
         self.channel_info = f"slcan {channel}"
         self._can_protocol = can.CanProtocol.CAN_20
         try:
-            self._port = SerialBlocks(path, baudrate=int(baudrate or tty_baudrate), rtscts=rtscts)
+            self._port = open_blocks(path, baudrate=int(baudrate or tty_baudrate), rtscts=rtscts)
         except OSError as error:
             raise CanInitializationError(f"cannot open '{path}': {error}") from error
         stamps = (b"Z1",) if time_stamps else ()
