@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from loopcal.commands import answers, making, rigs, sessions
+from loopcal.commands import answers, making, recordings, rigs, sessions
 from loopcal.console import out
 
 app = typer.Typer(
@@ -38,6 +38,7 @@ app.command("import")(making.import_)
 
 app.command("solve")(answers.solve)
 app.command("apply")(answers.apply)
+app.command("export")(recordings.export)
 app.command("export-urdf")(rigs.export_urdf)
 app.command("gap")(answers.gap)
 app.command("blind")(answers.blind)
