@@ -14,6 +14,7 @@ recorded as a fault.
 from __future__ import annotations
 
 import threading
+from collections import Counter
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import TypeVar
@@ -36,6 +37,12 @@ AHEAD_S = 0.1
 
 LONGEST_OFF_S = 15.0
 """How long a drive may take to be switched off [s]; then its watchdog must do it."""
+
+ASK_S = 0.5
+"""Time between two questions to a drive how it is [s]; one that reports by itself answers at once."""
+
+UNANSWERED = 2
+"""Questions in a row without an answer after which a drive is lost."""
 
 WATCH_S = 0.02
 """How long a command may take before the session looks after everything else [s]."""
@@ -75,6 +82,8 @@ class Drives:
         self._told: dict[str, Mode] = {}
         self._targets: dict[str, tuple[float, int]] = {}
         self._stuck: set[str] = set()
+        self._questions: dict[str, tuple[int, Future[ModeReport]]] = {}
+        self._unanswered: Counter[str] = Counter()
         self._ending = threading.Event()
         self._meanwhile: Callable[[], object] = lambda: None
         self._threads = {
@@ -134,6 +143,24 @@ class Drives:
     def report(self, joint: str) -> ModeReport:
         """What the drive says it is doing; raises DriverError, or what supervising raises."""
         return self._wait(self._threads[joint].submit(self._joints[joint].report))
+
+    def lost(self, now_ns: int) -> str:
+        """Why a drive is taken to be lost, "" while all answer. Asks them now and then; never waits."""
+        for joint, thread in self._threads.items():
+            asked = self._questions.get(joint)
+            if asked is not None and (
+                not asked[1].done() or now_ns - asked[0] < round(ASK_S * SECOND)
+            ):
+                continue
+            if asked is not None and (error := asked[1].exception()) is not None:
+                self._unanswered[joint] += 1
+                self._record(Fault(now_ns, joint, "no-answer", str(error)))
+                if self._unanswered[joint] >= UNANSWERED or not isinstance(error, DeviceSilent):
+                    return f"the drive of {joint} does not say how it is: {error}"
+            else:
+                self._unanswered[joint] = 0
+            self._questions[joint] = (now_ns, thread.submit(self._joints[joint].report))
+        return ""
 
     def make_safe(self, cause: str) -> bool:
         """Switch every drive off, those in position mode first; whether all have answered.

@@ -83,7 +83,8 @@ class Guard:
         Raises:
             ArmingExpired: nobody renewed the arming.
             Interlocked: a joint is seen outside its limits.
-            SessionFailed: this thread was held up, or a joint's channel is silent.
+            SessionFailed: this thread was held up, a drive does not answer, or a joint's channel
+                is silent.
         """
         if not self._drives.joints or not self._states.allowed.vouched:
             self._looked_ns = None
@@ -98,6 +99,8 @@ class Guard:
             )
         if self._arming is not None and self._arming.left_s <= 0.0:
             raise ArmingExpired(self._arming.valid_s)
+        if lost := self._drives.lost(now_ns):
+            raise SessionFailed("drives", lost)
         if silent := self._silent(now_ns, self._silence_s):
             raise SessionFailed(
                 silent[0],
