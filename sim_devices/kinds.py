@@ -120,7 +120,7 @@ def _build(
                 f"device '{device.name}' on port '{port}' has the driver '{device.driver}', for "
                 f"which there is no virtual device; there are: {', '.join(sorted(kinds))}"
             )
-        built.append(place(device, partial(make, rig, plant=plant)))
+        built.append(place(device, partial(_built, rig, plant, make)))
         number = device.options.get(address)
         if number in owners:
             raise DeviceNotSimulated(
@@ -129,6 +129,10 @@ def _build(
             )
         owners[number] = device.name
     return built
+
+
+def _built(rig: Rig, plant: Plant, make: Make, device: Device) -> Any:
+    return make(rig, device, plant)
 
 
 def _channels(rig: Rig, device: Device) -> list[Channel]:

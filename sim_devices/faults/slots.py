@@ -72,9 +72,9 @@ class Slot(Generic[Unit, Message]):
     ) -> None:
         self.disturbance = Disturbance()
         self._own = self._device = device
-        self._make = make
+        self._make: Callable[[Device], Unit] = make
         self._power_off = power_off
-        self._damage = damage
+        self._damage: Callable[[Message, random.Random], Message] = damage
         self._random = random.Random(f"{seed} {device.name}")
         self._units: list[tuple[Unit, float]] = [(make(device), 0.0)]
         self._doubled = False
