@@ -127,16 +127,18 @@ def track(recording: Recording, channel: Channel) -> Track:
             f"the recording has no readings of channel '{channel.name}'; it has: {present}. "
             "Record all channels of the rig, or take the channel out of it."
         )
-    order = np.argsort(readings.time_ns, kind="stable")
-    time_ns, counts = readings.time_ns[order], readings.raw[order].astype(np.float64)
+    time_ns, counts = readings.time_ns, readings.raw.astype(np.float64)
+    if np.any(time_ns[1:] < time_ns[:-1]):
+        order = np.argsort(time_ns, kind="stable")
+        time_ns, counts = time_ns[order], counts[order]
     if channel.modulus_counts is not None:
         # Between two sessions a joint may have gone anywhere: each is unwrapped by itself.
         later = np.searchsorted(time_ns, recording.session_starts_ns[1:])
-        for part in np.split(np.arange(len(counts)), later):
+        for part in np.split(counts, later):  # views, in which the counts are set
             if len(part):
-                own = np.unwrap(counts[part], period=channel.modulus_counts)
+                own = np.unwrap(part, period=channel.modulus_counts)
                 turns = np.round((np.median(own) - channel.zero_count) / channel.modulus_counts)
-                counts[part] = own - turns * channel.modulus_counts
+                part[:] = own - turns * channel.modulus_counts
     return Track(time_ns, counts)
 
 
