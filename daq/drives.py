@@ -181,9 +181,9 @@ class Drives:
         return all(answered)
 
     def close(self) -> None:
-        """End the threads; that of a drive that never returned is left behind."""
+        """End the threads; that of a drive that never returned is left behind, to be told off yet."""
         for joint, thread in self._threads.items():
-            thread.shutdown(wait=joint not in self._stuck, cancel_futures=True)
+            thread.shutdown(wait=joint not in self._stuck)
 
     def _worst_modes(self) -> dict[str, Mode]:
         """What each drive may be in: what it was told, unless it reports position mode."""
