@@ -1,6 +1,7 @@
 """How the command talks to a person: one console for results, one for errors, one way to fail.
 
-Exit codes: 0 done; 1 done, and the answer is bad; 2 wrong input or use.
+Exit codes: 0 done; 1 done, and the answer is bad; 2 wrong input or use; 3 (recordings looked at
+or recovered) hopeless: nothing of the recording can be used.
 """
 
 from __future__ import annotations
@@ -16,14 +17,16 @@ from rich.console import Console
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
 
+DONE = 0
 BAD_ANSWER = 1
 WRONG_INPUT = 2
+HOPELESS = 3
 
 
-def fail(message: str) -> NoReturn:
-    """Print one error and end with the exit code of wrong input."""
+def fail(message: str, code: int = WRONG_INPUT) -> NoReturn:
+    """Print one error and end with an exit code, that of wrong input unless told."""
     err.print(f"loopcal: {message}", style="red", markup=False, soft_wrap=True)
-    raise typer.Exit(WRONG_INPUT)
+    raise typer.Exit(code)
 
 
 _ROOTS = (

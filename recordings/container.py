@@ -134,6 +134,11 @@ class Container:
         """Bytes handed to the file so far."""
         return self._position
 
+    @property
+    def channel_ids(self) -> list[int]:
+        """Ids of all channels that are known here."""
+        return list(self._channels)
+
     def sequence(self, channel_id: int) -> int:
         """The MCAP sequence of a channel's next message."""
         return self._sequences[channel_id]

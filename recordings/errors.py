@@ -40,5 +40,13 @@ class NotARecording(RecordingError):
     """The file is not a loopcal recording (foreign, empty, or not MCAP at all)."""
 
 
+class NothingReadable(NotARecording):
+    """The file holds nothing of a recording: it is empty, or not MCAP at all."""
+
+
 class DamagedRecording(RecordingError):
     """The file is a recording, but it ends early or holds damaged parts."""
+
+
+class HopelessRecording(DamagedRecording):
+    """The file is a recording, but too damaged for any use of it."""

@@ -87,9 +87,7 @@ class PartFile:
 
     def discard(self) -> None:
         """Take away a file that nothing was recorded to."""
-        self.leave()
-        with contextlib.suppress(OSError):
-            self.path.unlink()
+        self._file.discard()
 
     def _describe(self) -> None:
         start_ns = self._session.start_ns

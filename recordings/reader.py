@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from recordings.assembly import Assembly
 from recordings.chunks import Attachment, Block, Damage, Header, Metadata, scan
-from recordings.errors import DamagedRecording, NotARecording, RecordingError
+from recordings.errors import DamagedRecording, HopelessRecording, NotARecording, RecordingError
 from recordings.events import (
     ClockSample,
     Dwell,
@@ -137,7 +137,7 @@ class _Contents:
         damage = tuple(str(line) for line in found)
         if self._rig_toml is None:
             if damage:
-                raise DamagedRecording(
+                raise HopelessRecording(
                     f"'{self._path}' is damaged, and its rig description is lost, so that "
                     f"nothing of it can be used: {_first_lines(damage)}"
                 )

@@ -132,6 +132,13 @@ class RecordingFile:
         finally:
             self._file.close()
 
+    def discard(self) -> None:
+        """Close it and take it away: nothing of use is in it."""
+        with contextlib.suppress(OSError):
+            self._file.close()
+        with contextlib.suppress(OSError):
+            self.path.unlink()
+
     def _force(self, *, folder: bool) -> None:
         os.fsync(self._file.fileno())
         if not folder:

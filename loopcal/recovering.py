@@ -1,0 +1,59 @@
+"""`loopcal recover`: a whole recording made of a damaged one, and what could not be saved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.text import Text
+
+from loopcal.console import BAD_ANSWER, DONE, fail, out
+from loopcal.surveying import bar, code_of
+from recordings.codec import READING
+from recordings.errors import RecordingsError
+from recordings.recover import Recovery, recover
+from recordings.rig import rig_text
+
+_SHOWN = 10
+
+
+def run_recover(path: Path, output: Path, *, rig: str | None) -> int:
+    """Recover ``path`` to ``output`` and say what was lost; returns the exit code."""
+    rig_toml = None if rig is None else rig_text(rig)[0]
+    try:
+        with bar(f"recovering {path.name}") as on_progress:
+            done = recover(path, output, rig_toml=rig_toml, on_progress=on_progress)
+    except RecordingsError as error:
+        fail(str(error), code_of(error))
+    _show(done)
+    return BAD_ANSWER if done.found.damage else DONE
+
+
+def _show(done: Recovery) -> None:
+    found = done.found
+    counts = {name: found.channel(name) for name in found.readings}
+    readings = sum(tally.count for tally in counts.values())
+    out.print(
+        f"{done.path}: {done.messages} messages, {readings} of them readings of "
+        f"{len(counts)} channels, {len(found.dwells)} dwells",
+        markup=False,
+        soft_wrap=True,
+    )
+    if not found.damage:
+        out.print(Text("nothing was damaged: all of it was copied", style="green"))
+        return
+    lost = {
+        READING.subject_of(topic) or topic: tally.missing
+        for topic, tally in found.topics.items()
+        if tally.missing
+    }
+    if lost:
+        told = ", ".join(f"{count} of {name}" for name, count in list(lost.items())[:_SHOWN])
+        more = f" and of {len(lost) - _SHOWN} more topics" if len(lost) > _SHOWN else ""
+        out.print(Text(f"lost: {told}{more}", style="yellow"), soft_wrap=True)
+    else:
+        out.print(Text("lost: nothing that its messages' numbers show", style="yellow"))
+    for line in found.damage[:_SHOWN]:
+        out.print(Text(f"  {line}"), soft_wrap=True)
+    if len(found.damage) > _SHOWN:
+        text = f"  and {len(found.damage) - _SHOWN} more; the new file's metadata lists them"
+        out.print(Text(text))

@@ -1,0 +1,165 @@
+"""Makes a whole recording of what a damaged one still holds.
+
+Owns what is taken over: every message that can be read, as it is and in its order, every
+attachment and all metadata, and beside them a note of what was lost. The damaged files are
+only read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from recordings import columns
+from recordings.chunks import Block, scan
+from recordings.container import Container
+from recordings.errors import DiskFailed, HopelessRecording
+from recordings.offsets import record_offsets
+from recordings.part import NEXT_METADATA, PART_METADATA
+from recordings.part_file import PROFILE, RIG_ATTACHMENT
+from recordings.rig import parse_rig
+from recordings.session import METADATA_NAME, SOFTWARE
+from recordings.storage import RecordingFile, Sync, disk_error
+from recordings.survey import RECOVERY_METADATA, Survey, survey
+from recordings.wire import HEADER_SIZE
+
+_SHOWN_LINES = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Recovery:
+    """What a recovery read and wrote.
+
+    Attributes:
+        found: the damaged recording, as far as it can be read.
+        path: the new one.
+        messages: messages written.
+        size: bytes written.
+    """
+
+    found: Survey
+    path: Path
+    messages: int
+    size: int
+
+
+def recover(
+    source: str | Path,
+    target: str | Path,
+    *,
+    rig_toml: str | None = None,
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> Recovery:
+    """Write all that can be read of a recording, and of all its parts, to a new file.
+
+    Args:
+        source: the recording, or the first of its parts.
+        target: the file to create.
+        rig_toml: rig description for a recording that has lost its own; None where it has one.
+        on_progress: takes the share of the work that is done, 0 to 1.
+
+    Raises:
+        NotARecording: as `survey`.
+        HopelessRecording: nothing can be used of it.
+        RigError: ``rig_toml`` is not a valid rig.
+        RecordingError: ``target`` exists already or cannot be written, or ``source`` not be read;
+            then there is no new file.
+    """
+    if rig_toml is not None:
+        parse_rig(rig_toml, "the rig that was given")
+    found = survey(source, lambda share: on_progress(share / 2))
+    if rig_toml is None and found.rig_toml is None:
+        raise HopelessRecording(f"'{source}': {found.hopeless}")
+    if not any(file.blocks for file in found.files):
+        raise HopelessRecording(f"'{source}': {found.hopeless}")
+    file = RecordingFile(Path(target), Sync.CLOSE)
+    try:
+        messages, size = _copy(found, file, rig_toml, lambda share: on_progress((1 + share) / 2))
+        file.close()
+    except BaseException as error:
+        file.discard()
+        if isinstance(error, OSError):
+            text = f"cannot write '{target}': {disk_error(error)}; it was taken away again"
+            raise DiskFailed(text, {}) from error
+        raise
+    return Recovery(found, Path(target), messages, size)
+
+
+def _copy(
+    found: Survey,
+    file: RecordingFile,
+    rig_toml: str | None,
+    on_progress: Callable[[float], None],
+) -> tuple[int, int]:
+    """Messages and bytes written."""
+    definitions = found.definitions
+    definitions.complete()
+    container = Container(file, PROFILE, SOFTWARE)
+    for schema in definitions.schemas.values():
+        container.define_schema(schema)
+    for channel in definitions.channels.values():
+        container.define_channel(channel)
+    rig = found.attachments.get(RIG_ATTACHMENT) or (rig_toml or "").encode("utf-8")
+    start_ns = found.session.start_ns
+    for name, data in {RIG_ATTACHMENT: rig, **found.attachments}.items():
+        kind = "application/toml" if name == RIG_ATTACHMENT else "application/octet-stream"
+        container.attach(name, kind, data, start_ns)
+    session = found.metadata.get(METADATA_NAME, {})
+    note = _note(found, rig_given=found.rig_toml is None)
+    kept = {
+        name: pairs
+        for name, pairs in found.metadata.items()
+        if name not in (METADATA_NAME, NEXT_METADATA, RECOVERY_METADATA)
+        and (name != PART_METADATA or found.files[0].part.number > 1)
+    }
+    for name, pairs in {METADATA_NAME: session, RECOVERY_METADATA: note, **kept}.items():
+        container.add_metadata(name, dict(pairs))
+    messages = 0
+    for number, each in enumerate(found.files):
+        with each.path.open("rb") as source:
+            for item in scan(source, each.size):
+                if isinstance(item, Block):
+                    messages += _copy_block(item.data, container)
+                    share = source.tell() / max(1, each.size)
+                    on_progress((number + share) / len(found.files))
+    container.end_chunk()
+    container.attach(RIG_ATTACHMENT, "application/toml", rig, start_ns)
+    container.add_metadata(METADATA_NAME, dict(session))
+    container.finish()
+    return messages, container.size
+
+
+def _copy_block(data: bytes, container: Container) -> int:
+    """Messages copied: those whose channel is known and whose time can be."""
+    offsets, _ = record_offsets(data)
+    messages = columns.messages(data, offsets)
+    known = np.isin(messages.channel_id, container.channel_ids) & (messages.time_ns >= 0)
+    kept = messages if known.all() else messages.take(known)
+    start = kept.start - HEADER_SIZE
+    container.add_copies(data, start, kept.start + kept.size, kept.channel_id, kept.time_ns)
+    return len(start)
+
+
+def _note(found: Survey, *, rig_given: bool) -> dict[str, str]:
+    """What the new recording says of the one it was made from."""
+    lines = found.damage
+    more = len(lines) - _SHOWN_LINES
+    shown = [*lines[:_SHOWN_LINES], *([f"and {more} more"] if more > 0 else [])]
+    lost = {
+        f"missing/{topic}": str(tally.missing)
+        for topic, tally in found.topics.items()
+        if tally.missing
+    }
+    earlier = {f"earlier/{key}": value for key, value in found.recovery.items()}
+    return {
+        "source": " ".join(file.path.name for file in found.files),
+        "source_bytes": str(sum(file.size for file in found.files)),
+        "library": found.recovery.get("library") or found.files[0].library,
+        "rig": "given" if rig_given else "recorded",
+        "damage": "\n".join(shown),
+        **lost,
+        **earlier,
+    }
