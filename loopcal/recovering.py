@@ -8,8 +8,8 @@ from rich.text import Text
 
 from loopcal.console import BAD_ANSWER, DONE, fail, out
 from loopcal.surveying import bar, code_of
-from recordings.codec import READING
 from recordings.errors import RecordingsError
+from recordings.health import missing
 from recordings.recover import Recovery, recover
 from recordings.rig import rig_text
 
@@ -41,17 +41,11 @@ def _show(done: Recovery) -> None:
     if not found.damage:
         out.print(Text("nothing was damaged: all of it was copied", style="green"))
         return
-    lost = {
-        READING.subject_of(topic) or topic: tally.missing
-        for topic, tally in found.topics.items()
-        if tally.missing
-    }
-    if lost:
-        told = ", ".join(f"{count} of {name}" for name, count in list(lost.items())[:_SHOWN])
-        more = f" and of {len(lost) - _SHOWN} more topics" if len(lost) > _SHOWN else ""
-        out.print(Text(f"lost: {told}{more}", style="yellow"), soft_wrap=True)
-    else:
-        out.print(Text("lost: nothing that its messages' numbers show", style="yellow"))
+    lines = list(missing(found))
+    for line in lines[:_SHOWN]:
+        out.print(Text(f"lost: {line}", style="yellow"), soft_wrap=True)
+    if not lines:
+        out.print(Text("lost: nothing that the numbers of its messages show", style="yellow"))
     for line in found.damage[:_SHOWN]:
         out.print(Text(f"  {line}"), soft_wrap=True)
     if len(found.damage) > _SHOWN:

@@ -93,11 +93,14 @@ def scan(file: BinaryIO, size: int) -> Iterator[Item]:
         size: its size in bytes.
 
     Raises:
-        Malformed: the file does not begin as MCAP.
+        Malformed: the file does not begin as MCAP, and holds no chunk near its beginning either.
         OSError: the disk failed.
     """
     if _read(file, 0, len(MAGIC)) != MAGIC:
-        raise Malformed("it does not begin with the MCAP magic bytes")
+        # A damaged beginning does not make another kind of file of it.
+        if _next_chunk(file, 0, min(size, PIECE_BYTES)) is None:
+            raise Malformed("it does not begin with the MCAP magic bytes")
+        yield Damage(0, "it does not begin with the MCAP magic bytes")
     tail = _read_tail(file, size)
     yield from _Walk(file, size if tail is None else size - _TAIL, tail).items()
 

@@ -11,10 +11,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-from recordings.codec import READING
+from recordings.codec import KINDS, READING
 from recordings.events import LedgerEntry, ReadingFlag
 from recordings.survey import Survey
-from recordings.tally import Tally
 
 _SECOND = 1_000_000_000
 _SILENCE_NS = 1 * _SECOND
@@ -25,6 +24,8 @@ _FEWEST = 10  # readings from which a channel can be called stuck
 _START_NS = 3600 * _SECOND
 _CLOCK_NS = 20_000_000  # jump of a device clock's offset that no drift explains
 _SHOWN = 3
+
+_LEDGER = next(kind for kind in KINDS if kind.event is LedgerEntry)
 
 _FLAGS = {
     ReadingFlag.OVERRANGE: ("over range", "check the sensor's range and its wiring"),
@@ -80,28 +81,23 @@ def end_ns(found: Survey) -> int:
 
 
 def _files(found: Survey) -> Iterator[Finding]:
-    repair = f"`loopcal recover {found.files[0].path} -o NEW.mcap` writes all that can be read"
+    harm: list[tuple[str, str]] = []
     for file in found.files:
         if not file.closed:
-            yield Finding(
-                Severity.BAD,
-                "never-closed",
-                f"'{file.path.name}' was never closed, or its end was cut off: its writer was "
-                "killed or lost power; what was not flushed by then is lost",
-                repair,
-            )
+            text = f"'{file.path.name}' was never closed, or its end is cut off: "
+            text += "what was not flushed when its writer was killed or lost power is lost"
+            harm.append(("never-closed", text))
         places = [str(each) for each in file.damage if file.closed or each.offset < file.size]
         if places:
             more = f"; and {len(places) - _SHOWN} more" if len(places) > _SHOWN else ""
             text = f"'{file.path.name}' is damaged in {_count(len(places), 'place')}: "
-            yield Finding(Severity.BAD, "damaged", text + "; ".join(places[:_SHOWN]) + more, repair)
+            harm.append(("damaged", text + "; ".join(places[:_SHOWN]) + more))
+    repair = f"`loopcal recover {found.files[0].path} -o NEW.mcap` saves what can be read"
+    for kind, text in harm:
+        yield Finding(Severity.BAD, kind, text, repair if text == harm[-1][1] else "")
     if found.missing_part:
-        yield Finding(
-            Severity.BAD,
-            "part-missing",
-            found.missing_part,
-            f"put all parts beside '{found.files[0].path.name}'",
-        )
+        remedy = f"put all parts beside '{found.files[0].path.name}'"
+        yield Finding(Severity.BAD, "part-missing", found.missing_part, remedy)
     if found.recovery:
         source = found.recovery.get("source", "")
         yield Finding(Severity.NOTE, "recovered", f"it was recovered from the damaged '{source}'")
@@ -119,20 +115,30 @@ def _rig(found: Survey) -> Iterator[Finding]:
         yield Finding(Severity.BAD, "rig-invalid", found.rig_error, "correct it and import again")
 
 
-def _missing(found: Survey) -> Iterator[Finding]:
+def missing(found: Survey) -> Iterator[str]:
+    """What is missing by the numbers of the messages, alike channels in one line."""
+    alike: dict[tuple[int, str, str], list[str]] = {}
     for topic, tally in found.topics.items():
-        if not tally.missing:
+        # Of a ledger the last entry counts, whatever is missing before it.
+        if not tally.missing or _LEDGER.subject_of(topic) is not None:
             continue
         holes = sorted(tally.holes, key=lambda hole: -hole.count)
         where = ", ".join(_hole(found, hole.after_ns, hole.before_ns) for hole in holes[:_SHOWN])
-        more = f" and {len(holes) - _SHOWN} more" if len(holes) > _SHOWN else ""
+        more = f" and {len(holes) - _SHOWN} more places" if len(holes) > _SHOWN else ""
         subject = READING.subject_of(topic)
-        what = "readings" if subject else "messages"
-        text = (
-            f"{subject or topic}: {tally.missing} of {tally.count + tally.missing} {what} that "
-            f"were written are not in the file: {where}{more}"
-        )
-        yield Finding(Severity.BAD, "missing", text, "they are lost; those around them are sound")
+        kind = "reading" if subject else "message"
+        alike.setdefault((tally.missing, kind, where + more), []).append(subject or topic)
+    for (count, kind, where), names in alike.items():
+        each = " each" if len(names) > 1 else ""
+        yield f"{_list(names)}: {_count(count, kind)}{each}, {where}"
+
+
+def _missing(found: Survey) -> Iterator[Finding]:
+    # What a recovery could not save is known, and no news.
+    recovered = bool(found.recovery) and not found.damage
+    severity = Severity.CAUTION if recovered else Severity.BAD
+    for line in missing(found):
+        yield Finding(severity, "missing", f"written, but not in the file any more: {line}")
     lost = [topic for topic, tally in found.topics.items() if tally.missing is None]
     if lost and found.damage:
         text = f"how much is missing of {_list(lost)} cannot be told: nothing counts its messages"
@@ -224,10 +230,11 @@ def _time(found: Survey) -> Iterator[Finding]:
 
 def _silences(found: Survey) -> Iterator[Finding]:
     longest: dict[str, tuple[int, int, int]] = {}
-    counted = {name: found.channel(name) for name in found.readings}
-    for name, tally in counted.items():
+    for name in found.readings:
+        tally = found.channel(name)
         limit = max(_SILENCE_NS, _SILENT_INTERVALS * tally.typical_ns)
-        long = [silence for silence in tally.silences if silence[1] > limit]
+        holes = {hole.after_ns for hole in tally.holes}  # what is lost there was told already
+        long = [(at, ns) for at, ns in tally.silences if ns > limit and at not in holes]
         if long:
             at, length = max(long, key=lambda silence: silence[1])
             longest[name] = (at, length, len(long))
@@ -235,16 +242,15 @@ def _silences(found: Survey) -> Iterator[Finding]:
         return
     begin = max(at for at, _, _ in longest.values())
     end = min(at + length for at, length, _ in longest.values())
-    if len(longest) == len(counted) > 1 and begin < end:
-        yield Finding(
-            Severity.CAUTION,
-            "silence",
-            f"all channels are silent for {(end - begin) / _SECOND:.1f} s, at {_at(found, begin)}: the "
-            "computer slept, its clock was set, or what was recorded there is lost",
+    if len(longest) == len(found.readings) > 1 and begin < end:
+        text = (
+            f"all channels are silent for {(end - begin) / _SECOND:.1f} s, at {_at(found, begin)}"
         )
+        remedy = "the computer slept, its clock was set, or all devices were away"
+        yield Finding(Severity.CAUTION, "silence", text, remedy)
         return
     for name, (at, length, count) in longest.items():
-        often = f" (and {count - 1} shorter ones)" if count > 1 else ""
+        often = f" (and {_count(count - 1, 'shorter silence')})" if count > 1 else ""
         text = f"{name}: no reading for {length / _SECOND:.1f} s, at {_at(found, at)}{often}"
         yield Finding(Severity.CAUTION, "silence", text, "see the faults there; check the plug")
 
@@ -335,6 +341,3 @@ def _count(count: int, what: str) -> str:
 def _list(names: list[str]) -> str:
     more = len(names) - 8
     return ", ".join(names[:8]) + (f" and {more} more" if more > 0 else "")
-
-
-__all__ = ["Finding", "Severity", "Tally", "end_ns", "findings", "start_ns"]
