@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from drivers.driver import DeviceSpec, Driver
 from drivers.errors import OptionError, option_faults
 from drivers.link import Clock, Link
+from drivers.watch import WatchedLink
 from recordings.rig import CanPort, Device, Rig, SerialPort, TcpPort
 
 GROUP = "loopcal.drivers"
@@ -25,6 +26,10 @@ Port = CanPort | SerialPort | TcpPort
 BUILT_IN: Mapping[str, str] = {
     "canopen-encoder": "drivers.canopen.encoder",
     "canopen-joint": "drivers.canopen.joint",
+    "canopen-listener": "drivers.canopen.listener",
+    "dbc-encoder": "drivers.dbc.encoder",
+    "dbc-joint": "drivers.dbc.joint",
+    "dbc-listener": "drivers.dbc.listener",
     "modbus-adc": "drivers.modbus.adc",
 }
 """Modules, imported when a rig uses them: each brings the libraries of its own protocol."""
@@ -119,7 +124,9 @@ def _link(rig: Rig, port: Port, devices: list[Device], clock: Clock) -> Link:
         for device, driver in zip(devices, drivers, strict=True)
     ]
     link: Link = drivers[0].link(port, made, clock)
-    return link
+    names = {device.name for device in devices}
+    delivered = [channel for channel in rig.channels if channel.device in names]
+    return WatchedLink(link, delivered, clock)
 
 
 def _spec(rig: Rig, device: Device, driver: Driver[Any, Any, Any]) -> DeviceSpec[Any]:

@@ -13,12 +13,15 @@ import select
 import threading
 import time
 import tty
+from collections import deque
 from collections.abc import Callable, Iterator
 
+import can
 import canopen
 import pytest
 from canopen import objectdictionary as od
 
+from drivers.can_bus import EXTENDED
 from recordings.rig import CanPort, Channel, Quantity
 
 SECOND = 1_000_000_000
@@ -116,6 +119,51 @@ def slaves(can_port: CanPort) -> Iterator[Callable[..., Slave]]:
     network.connect(interface="virtual", channel=can_port.channel)
     yield lambda node_id, objects: Slave(network, node_id, objects)
     network.disconnect()
+
+
+class FakeBus:
+    """A python-can bus that gives what a test pushes, keeps what is sent, and can be unplugged.
+
+    ``answer`` is called with each message that is sent.
+    """
+
+    def __init__(self) -> None:
+        self.plugged = True
+        self.sent: list[can.Message] = []
+        self.incoming: deque[can.Message] = deque()
+        self.answer: Callable[[can.Message], None] = lambda message: None
+
+    def connect(self, _port: CanPort) -> FakeBus:
+        if not self.plugged:
+            raise FileNotFoundError(2, "No such file or directory")
+        return self
+
+    def push(self, identifier: int, data: bytes) -> None:
+        extended = bool(identifier & EXTENDED)
+        self.incoming.append(
+            can.Message(arbitration_id=identifier & ~EXTENDED, data=data, is_extended_id=extended)
+        )
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        if not self.plugged:
+            raise OSError(5, "Input/output error")
+        if not self.incoming:
+            threading.Event().wait(min(timeout or 0.0, 0.001))
+        return self.incoming.popleft() if self.incoming else None
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        if not self.plugged:
+            raise OSError(5, "Input/output error")
+        self.sent.append(msg)
+        self.answer(msg)
+
+    def shutdown(self) -> None:
+        pass
+
+
+@pytest.fixture
+def bus() -> FakeBus:
+    return FakeBus()
 
 
 class PtyPeer:

@@ -1,0 +1,98 @@
+"""What a device's own counter and clock say about the sample that has just arrived. Pure.
+
+Counters and clocks of a few bits wrap; both are continued without end, with the host's time as
+a guide to how often they did in a pause. A device that has restarted is told by its clock going
+back, or, where it has none, by its counter. What cannot be told: a restart of a device whose
+counter or clock happens to go on where it was, and of one whose counter has 8 bits or fewer
+and that has no clock: so small a counter goes back at every wrap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivers.counters import WrappingCounter
+
+FEWEST_BITS = 9
+"""Of a counter whose going back means a restart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """One sample.
+
+    Attributes:
+        sequence: the sample counter modulo 2**32, None where there is none.
+        device_time_ns: device time, continued over its wraps, None where there is none.
+        step: of the counter since the sample before, None where that is not known.
+        restarted: whether the device has started anew since the sample before.
+    """
+
+    sequence: int | None
+    device_time_ns: int | None
+    step: int | None
+    restarted: bool
+
+
+class Arrivals:
+    """Follows the counter and the clock of one device.
+
+    Args:
+        counter_bits: width of its sample counter, None where it has none.
+        clock_bits: width of its clock, None where it has none.
+        tick_ns: one tick of its clock [ns].
+        period_ns: time between two samples, None where it is not known.
+    """
+
+    def __init__(
+        self,
+        counter_bits: int | None = None,
+        clock_bits: int | None = None,
+        tick_ns: int = 1,
+        period_ns: int | None = None,
+    ) -> None:
+        self._counter = None if counter_bits is None else WrappingCounter(counter_bits)
+        self._counter_tells = counter_bits is not None and counter_bits >= FEWEST_BITS
+        self._modulus = 1 << (counter_bits or 0)
+        self._clock = None if clock_bits is None else WrappingCounter(clock_bits)
+        self._tick_ns = tick_ns
+        self._period_ns = period_ns
+        self._last_ns: int | None = None
+
+    def take(self, time_ns: int, counter: int | None = None, ticks: int | None = None) -> Arrival:
+        """A sample arrived at ``time_ns`` with these raw values."""
+        since_ns = 0 if self._last_ns is None else time_ns - self._last_ns
+        self._last_ns = time_ns
+        restarted = False
+        if self._clock is not None and ticks is not None:
+            restarted = self._clock.advance(ticks, expected=round(since_ns / self._tick_ns)) < 0
+        step = self._step(counter, since_ns)
+        if step is not None and step < 0:
+            if self._clock is None and self._counter_tells:
+                restarted = True
+            step %= self._modulus
+        if restarted:
+            self._restart(counter, ticks)
+            step = None
+        return Arrival(
+            sequence=None if self._counter is None else (self._counter.value or 0) % (1 << 32),
+            device_time_ns=None
+            if self._clock is None
+            else (self._clock.value or 0) * self._tick_ns,
+            step=step,
+            restarted=restarted,
+        )
+
+    def _step(self, counter: int | None, since_ns: int) -> int | None:
+        if self._counter is None or counter is None:
+            return None
+        first = self._counter.value is None
+        expected = 1 if self._period_ns is None else max(round(since_ns / self._period_ns), 0)
+        step = self._counter.advance(counter, expected=expected)
+        return None if first else step
+
+    def _restart(self, counter: int | None, ticks: int | None) -> None:
+        for wrapping, raw in ((self._counter, counter), (self._clock, ticks)):
+            if wrapping is not None and raw is not None:
+                wrapping.restart()
+                wrapping.advance(raw)

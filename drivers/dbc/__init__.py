@@ -1,0 +1,1 @@
+"""Devices whose CAN messages a DBC file describes: encoders, joint drives, and drives of others."""

@@ -1,0 +1,294 @@
+"""Encoders and other sensors whose CAN messages a DBC file describes; they send unasked.
+
+Wire contract: the DBC file that the device names as its ``file``. Nothing is sent to the
+device, so it works on a port with ``listen_only`` too, beside another master.
+
+A channel's ``signal`` is ``MESSAGE.SIGNAL``, or the signal alone where one message has it. Its
+counts are the signal's raw value, before the DBC's factor and offset. A multiplexed signal is
+read from the frames that have it.
+
+Options, all optional:
+
+    counter      name of the signal that counts the messages, in each message of the channels
+                 that has one: losses are then exact. Not used for multiplexed signals
+    clock        name of the signal that is the device's time, likewise
+    clock_tick_us   its unit [us], default 1
+    invalid      raw value that means "not available": such a reading is flagged DEVICE_ERROR
+    cycle_ms     time between two messages, in place of GenMsgCycleTime
+    timeout_s    time without a message after which it is called silent; default: five cycles,
+                 at least 0.1 s, or 0.5 s where no cycle is known
+"""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+from pydantic import Field, model_validator
+
+from drivers.arrivals import Arrivals
+from drivers.can_bus import Frame
+from drivers.can_device import CanWire, Identity
+from drivers.can_link import CanLink
+from drivers.dbc.database import DbcFile, DbcMessage, DbcSignal
+from drivers.driver import DeviceSpec, Driver
+from drivers.errors import DeviceSilent, OptionError
+from drivers.faults import FaultKind
+from drivers.link import JointDrive, Losses
+from drivers.schedule import SECOND
+from drivers.stream_tally import StreamTally
+from drivers.tally import Tally
+from recordings.events import Event, Fault, Reading, ReadingFlag
+from recordings.rig import CanPort, Channel
+from recordings.rig.quantity import Described, fail
+
+CYCLES_OF_SILENCE = 5
+SHORTEST_SILENCE_NS = SECOND // 10
+UNKNOWN_SILENCE_NS = SECOND // 2
+
+
+class DbcEncoderOptions(Described):
+    """Options of a ``dbc-encoder``."""
+
+    quantities: ClassVar[dict[str, tuple[str, ...]]] = {"timeout": ("s",)}
+
+    counter: str | None = None
+    clock: str | None = None
+    clock_tick_us: int = Field(default=1, ge=1, le=1_000_000)
+    invalid: int | None = None
+    cycle_ms: int | None = Field(default=None, ge=1, le=60_000)
+    timeout: float | None = None
+
+    @model_validator(mode="after")
+    def _timeout_is_a_time(self) -> DbcEncoderOptions:
+        if self.timeout is not None and not 0 < self.timeout <= 60:
+            raise fail(f"'timeout_s' is {self.timeout}, expected above 0 and at most 60")
+        return self
+
+
+class MessageTrack:
+    """Turns the frames of one message into readings of its channels. Pure.
+
+    Args:
+        message: the message.
+        channels: channels and the signals that they read.
+        options: those of the device.
+    """
+
+    def __init__(
+        self,
+        message: DbcMessage,
+        channels: Sequence[tuple[Channel, DbcSignal]],
+        options: DbcEncoderOptions,
+    ) -> None:
+        self.name = message.name
+        self.identifier = message.identifier
+        self._invalid = options.invalid
+        self._channels = [(channel.name, signal) for channel, signal in channels]
+        self._counter = _optional(message, options.counter)
+        self._clock = _optional(message, options.clock)
+        period_ns = message.period_ns if options.cycle_ms is None else options.cycle_ms * 1_000_000
+        self._arrivals = Arrivals(
+            counter_bits=None if self._counter is None else self._counter.layout.length,
+            clock_bits=None if self._clock is None else self._clock.layout.length,
+            tick_ns=options.clock_tick_us * 1000,
+            period_ns=period_ns,
+        )
+        self.tallies = {
+            name: StreamTally(None if signal.multiplexed else period_ns)
+            for name, signal in self._channels
+        }
+        self.timeout_ns = UNKNOWN_SILENCE_NS
+        if options.timeout is not None:
+            self.timeout_ns = round(options.timeout * SECOND)
+        elif period_ns is not None:
+            self.timeout_ns = max(CYCLES_OF_SILENCE * period_ns, SHORTEST_SILENCE_NS)
+        self.heard_ns: int | None = None
+        self.silent = False
+
+    def readings(self, frame: Frame) -> tuple[list[Reading], bool]:
+        """The readings in a frame, and whether the device has restarted; raises Malformed."""
+        data = frame.data
+        values = [(name, signal, signal.raw(data)) for name, signal in self._channels]
+        arrival = self._arrivals.take(
+            frame.time_ns, _unsigned(self._counter, data), _unsigned(self._clock, data)
+        )
+        device_time_ns = arrival.device_time_ns
+        readings = []
+        for name, signal, raw in values:
+            if raw is None:
+                continue
+            flags = ReadingFlag.STALE if arrival.step == 0 else ReadingFlag.NONE
+            if raw == self._invalid:
+                flags |= ReadingFlag.DEVICE_ERROR
+            self.tallies[name].receive(frame.time_ns, None if signal.multiplexed else arrival.step)
+            readings.append(
+                Reading(
+                    channel=name,
+                    time_ns=frame.time_ns,
+                    raw=raw,
+                    device_time_ns=frame.device_time_ns
+                    if device_time_ns is None
+                    else device_time_ns,
+                    sequence=arrival.sequence,
+                    flags=flags,
+                )
+            )
+        return readings, arrival.restarted
+
+
+def _optional(message: DbcMessage, name: str | None) -> DbcSignal | None:
+    return None if name not in message.signal_names or name is None else message.signal(name)
+
+
+def _unsigned(signal: DbcSignal | None, data: bytes) -> int | None:
+    """Value of a counter or clock, which wraps from its highest to 0 even if called signed."""
+    raw = None if signal is None else signal.raw(data)
+    return raw if raw is None or signal is None else raw % (1 << signal.layout.length)
+
+
+class DbcEncoder:
+    """One device. See `drivers.can_device.CanDevice`."""
+
+    sends = False
+    service = None
+    drive: JointDrive | None = None
+    tallies: Mapping[str, Tally]
+
+    def __init__(self, spec: DeviceSpec[DbcEncoderOptions]) -> None:
+        if spec.joint is not None:
+            raise OptionError(f"device '{spec.name}' is a sensor; it moves no 'joint'")
+        if not spec.channels:
+            raise OptionError(f"device '{spec.name}' delivers no channel of the rig")
+        self.name = spec.name
+        self.driver = spec.driver
+        self.channels = tuple(channel.name for channel in spec.channels)
+        self.tallies = {}
+        self._tracks = {track.identifier: track for track in _tracks(spec)}
+        self.identifiers = tuple(self._tracks)
+        self._streams = {
+            name: tally for track in self._tracks.values() for name, tally in track.tallies.items()
+        }
+        self._asked: queue.Queue[bytes] | None = None
+        self._unheard: set[int] = set()
+        self._started = False
+
+    def attach(self, wire: CanWire) -> None:
+        """Belong to a bus."""
+        self._wire = wire
+
+    def identify(self) -> Identity:
+        """Listen until each of its messages has come; raises DeviceSilent or LinkBroken."""
+        self._unheard = set(self._tracks)
+        self._asked = queue.Queue()
+        timeout_s = max(track.timeout_ns for track in self._tracks.values()) / SECOND
+        try:
+            self._wire.await_answer(self._asked, timeout_s)
+        except queue.Empty as error:
+            missing = ", ".join(
+                f"{track.name} (identifier 0x{i & 0x1FFF_FFFF:X})"
+                for i, track in self._tracks.items()
+                if i in self._unheard
+            )
+            raise DeviceSilent(
+                f"{self.name} has not sent {missing} within {timeout_s:g} s; check its identifier, "
+                f"the bit rate, power and wiring, and whether it sends unasked"
+            ) from error
+        finally:
+            self._asked = None
+        names = ", ".join(track.name for track in self._tracks.values())
+        return Identity(f"sends {names}", virtual=False)
+
+    def start(self) -> None:
+        """From now on its messages are expected."""
+        now_ns = self._wire.now_ns()
+        for track in self._tracks.values():
+            track.heard_ns = now_ns
+        for tally in self._streams.values():
+            tally.begin(now_ns)
+        self._started = True
+
+    def stop(self, now_ns: int) -> None:
+        """Nothing is expected any more."""
+        self._started = False
+        for tally in self._streams.values():
+            tally.end(now_ns)
+
+    def interrupt(self) -> None:
+        """The port has gone away."""
+        for tally in self._streams.values():
+            tally.interrupt()
+
+    def losses(self, now_ns: int) -> Mapping[str, Losses]:
+        """Losses of each channel so far."""
+        return {name: tally.losses(now_ns) for name, tally in self._streams.items()}
+
+    def receive(self, frame: Frame) -> Sequence[Event]:
+        """Take one of its messages; raises Malformed."""
+        track = self._tracks[frame.identifier]
+        self._unheard.discard(frame.identifier)
+        if self._asked is not None and not self._unheard:
+            self._asked.put(b"")
+        if not self._started:
+            return ()
+        readings, restarted = track.readings(frame)
+        events: list[Event] = []
+        if track.silent:
+            track.silent = False
+            text = f"{self.name} sends {track.name} again"
+            events.append(Fault(frame.time_ns, self.name, FaultKind.ANSWERING, text))
+        if restarted:
+            text = f"{self.name} has restarted by itself: its counter or clock began anew"
+            events.append(Fault(frame.time_ns, self.name, FaultKind.RESTARTED, text))
+        track.heard_ns = frame.time_ns
+        return [*events, *readings]
+
+    def serve(self, now_ns: int) -> Sequence[Event]:
+        """Say once of each message that it has not come for long."""
+        if not self._started:
+            return ()
+        faults = []
+        for track in self._tracks.values():
+            if track.silent or track.heard_ns is None:
+                continue
+            if now_ns - track.heard_ns > track.timeout_ns:
+                track.silent = True
+                text = f"{self.name} has not sent {track.name} for {track.timeout_ns / SECOND:g} s"
+                faults.append(Fault(now_ns, self.name, FaultKind.SILENT, text))
+        return faults
+
+    def due_ns(self) -> int | None:
+        """Silence is noticed soon enough as it is."""
+        return None
+
+
+def _tracks(spec: DeviceSpec[DbcEncoderOptions]) -> list[MessageTrack]:
+    """One track a message that carries a channel; raises OptionError."""
+    if spec.file is None:
+        raise OptionError(f"device '{spec.name}' ({spec.driver}) needs the 'file' of its DBC")
+    dbc = DbcFile(spec.file, f"the file of device '{spec.name}'")
+    messages: dict[str, DbcMessage] = {}
+    channels: dict[str, list[tuple[Channel, DbcSignal]]] = {}
+    for channel in spec.channels:
+        if not isinstance(channel.signal, str):
+            raise OptionError(
+                f"channel '{channel.name}': 'signal' is {channel.signal!r}, expected "
+                f"\"MESSAGE.SIGNAL\" of the DBC of '{spec.name}'"
+            )
+        message, name = dbc.find(channel.signal)
+        messages[message.name] = message
+        channels.setdefault(message.name, []).append((channel, message.signal(name)))
+    for key in ("counter", "clock"):
+        name = getattr(spec.options, key)
+        if name is not None and all(name not in m.signal_names for m in messages.values()):
+            known = ", ".join(dict.fromkeys(n for m in messages.values() for n in m.signal_names))
+            raise OptionError(
+                f"device '{spec.name}': '{key}' is '{name}', but its messages have the signals {known}"
+            )
+    return [
+        MessageTrack(message, channels[name], spec.options) for name, message in messages.items()
+    ]
+
+
+DRIVER = Driver(options=DbcEncoderOptions, ports=(CanPort,), make=DbcEncoder, link=CanLink)

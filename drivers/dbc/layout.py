@@ -1,0 +1,78 @@
+"""Where a signal is in a CAN frame, by the rules of DBC files: bits to raw value and back. Pure.
+
+Raw values are integers as they are on the wire; a DBC's factor and offset are not applied.
+
+    Intel (little-endian)    the start bit is the lowest; bit n is bit n mod 8 of byte n div 8,
+                             and the value grows towards higher bit numbers
+    Motorola (big-endian)    the start bit, numbered the same way, is the highest; the value goes
+                             down to bit 0 of its byte, then on at bit 7 of the next byte
+
+Source: Vector, "DBC File Format Documentation", signal definitions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from drivers.errors import Malformed
+
+
+@dataclass(frozen=True, slots=True)
+class SignalLayout:
+    """One signal.
+
+    Attributes:
+        name: as in the DBC.
+        start: start bit, as in the DBC.
+        length: bits.
+        little_endian: byte order.
+        signed: whether the raw value is in two's complement.
+    """
+
+    name: str
+    start: int
+    length: int
+    little_endian: bool
+    signed: bool
+
+    def raw(self, data: bytes) -> int:
+        """Raw value in a frame's ``data``; raises Malformed where the frame is too short for it."""
+        value = int.from_bytes(data, self._order) >> self._shift(len(data)) & self._mask
+        if self.signed and value >> (self.length - 1):
+            value -= 1 << self.length
+        return value
+
+    def put(self, value: int, data: bytes) -> bytes:
+        """``data`` with the raw ``value`` in place; raises ValueError where it does not fit."""
+        low, high = self.limits
+        if not low <= value <= high:
+            raise ValueError(f"{self.name} is {value}, expected {low} to {high}")
+        shift = self._shift(len(data))
+        cleared = int.from_bytes(data, self._order) & ~(self._mask << shift)
+        return (cleared | (value & self._mask) << shift).to_bytes(len(data), self._order)
+
+    @property
+    def limits(self) -> tuple[int, int]:
+        """Lowest and highest raw value."""
+        if self.signed:
+            return -(1 << (self.length - 1)), (1 << (self.length - 1)) - 1
+        return 0, self._mask
+
+    @property
+    def _mask(self) -> int:
+        return (1 << self.length) - 1
+
+    @property
+    def _order(self) -> Literal["little", "big"]:
+        return "little" if self.little_endian else "big"
+
+    def _shift(self, size: int) -> int:
+        """How far the lowest bit is above bit 0 of the whole frame, read in the signal's order."""
+        first = self.start if self.little_endian else 8 * (self.start // 8) + 7 - self.start % 8
+        end = first + self.length
+        if end > 8 * size:
+            raise Malformed(
+                f"a frame of {size} bytes, but the signal {self.name} ends at bit {end - 1}"
+            )
+        return first if self.little_endian else 8 * size - end

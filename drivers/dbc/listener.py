@@ -1,0 +1,67 @@
+"""Joint drives that another controller commands by messages of a DBC file: heard, never sent to.
+
+The other controller's commands are recorded as mode commands, and what the drive answers as
+mode reports, each when something in it changes. Works on a port with ``listen_only``.
+
+Options: those of `drivers.dbc.drive_messages.DbcDriveOptions`. The device names its ``joint``
+and its ``file``, and delivers no channel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from drivers.can_bus import Frame
+from drivers.can_link import CanLink
+from drivers.dbc.drive_messages import Command, DbcDriveOptions, DriveMessages, Report, open_dbc
+from drivers.driver import DeviceSpec, Driver
+from drivers.errors import OptionError
+from drivers.passive import PassiveDevice
+from recordings.events import Event, ModeCommand, ModeReport
+from recordings.rig import CanPort
+
+
+class DbcListener(PassiveDevice):
+    """One drive of another controller. See `drivers.can_device.CanDevice`."""
+
+    def __init__(self, spec: DeviceSpec[DbcDriveOptions]) -> None:
+        super().__init__(spec.name, spec.driver)
+        if spec.joint is None:
+            raise OptionError(
+                f"device '{spec.name}' listens to a drive; say which 'joint' it moves"
+            )
+        if spec.channels:
+            raise OptionError(
+                f"channel '{spec.channels[0].name}' names the listener '{spec.name}' as its device; "
+                f"read it with a device of the driver dbc-encoder"
+            )
+        self._joint = spec.joint
+        self._messages = DriveMessages(open_dbc(spec.file, spec.name, spec.driver), spec.options)
+        self.identifiers = (self._messages.command.identifier, self._messages.status.identifier)
+        self._commanded: Command | None = None
+        self._reported: Report | None = None
+
+    def start(self) -> None:
+        """The recording begins with what is commanded then."""
+        self._commanded = None
+        self._reported = None
+
+    def receive(self, frame: Frame) -> Sequence[Event]:
+        """Take a command or a status; raises Malformed."""
+        if frame.identifier == self._messages.command.identifier:
+            command = self._messages.read_command(frame.data)
+            if command is None or command == self._commanded:
+                return ()
+            self._commanded = command
+            cause = f"another controller sent {self._messages.command.name} {frame.data.hex()}"
+            return (ModeCommand(self._joint, frame.time_ns, command.mode, command.target, cause),)
+        report = self._messages.read_status(frame.data)
+        if report is None or report == self._reported:
+            return ()
+        self._reported = report
+        return (
+            ModeReport(self._joint, frame.time_ns, report.mode, report.status, report.error_code),
+        )
+
+
+DRIVER = Driver(options=DbcDriveOptions, ports=(CanPort,), make=DbcListener, link=CanLink)
