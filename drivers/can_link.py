@@ -75,6 +75,7 @@ class CanLink:
         self._started = False
         self._outage = Outage(port.name, self._bus, self._tallies.values(), clock, self._closing)
         self._unready: dict[CanDevice, Backoff | None] = {}
+        self._not_set_up: set[CanDevice] = set()
         self._counted: Counter[FaultKind] = Counter()
         for service in self._services:
             service.attach(self)
@@ -204,6 +205,7 @@ class CanLink:
         text = f"{device.name} has restarted by itself; it is set up again"
         self.fault(self._clock.now_ns(), device.name, FaultKind.RESTARTED, text)
         self._unready[device] = None
+        self._not_set_up.add(device)
 
     def _serve(self, timeout_s: float) -> None:
         """One turn: send what is due, wait for a frame, take all that are there."""
@@ -287,6 +289,18 @@ class CanLink:
                 return
             except DriverError as error:
                 self._retry_later(device, backoff, error)
+            else:
+                self._is_set_up(device)
+
+    def _is_set_up(self, device: CanDevice) -> None:
+        if device not in self._not_set_up:
+            return
+        self._not_set_up.discard(device)
+        now_ns = self._clock.now_ns()
+        with self._turn:
+            # Each end is reported, however often it repeats: without it, its fault would last.
+            text = f"{device.name} is set up again"
+            self._pending.append(Fault(now_ns, device.name, FaultKind.STARTED, text))
 
     def _retry_later(self, device: CanDevice, backoff: Backoff | None, error: DriverError) -> None:
         now_ns = self._clock.now_ns()
@@ -295,6 +309,7 @@ class CanLink:
         else:
             backoff.failed(now_ns)
         self._unready[device] = backoff
+        self._not_set_up.add(device)
         with self._turn:
             self.fault(now_ns, device.name, FaultKind.NOT_STARTED, str(error))
 

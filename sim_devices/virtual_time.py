@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from unittest.mock import patch
 
 SECOND = 1_000_000_000
@@ -86,18 +86,11 @@ class VirtualClock:
 @contextmanager
 def time_is(clock: VirtualClock) -> Iterator[VirtualClock]:
     """Inside, `time.monotonic` and `time.sleep` go by ``clock``, and so does what waits with them."""
-    patches = [
-        patch.object(time, "monotonic", clock.monotonic),
-        patch.object(time, "monotonic_ns", lambda: clock.now_ns() - START_NS),
-        patch.object(time, "sleep", clock.advance),
-    ]
-    if "can.bus" in sys.modules:
-        # python-can measures its timeouts by the wall clock, which it imports by name.
-        patches.append(patch.object(sys.modules["can.bus"], "time", clock.monotonic))
-    for each in patches:
-        each.start()
-    try:
+    with ExitStack() as stack:
+        stack.enter_context(patch.object(time, "monotonic", clock.monotonic))
+        stack.enter_context(patch.object(time, "monotonic_ns", lambda: clock.now_ns() - START_NS))
+        stack.enter_context(patch.object(time, "sleep", clock.advance))
+        if "can.bus" in sys.modules:
+            # python-can measures its timeouts by the wall clock, which it imports by name.
+            stack.enter_context(patch.object(sys.modules["can.bus"], "time", clock.monotonic))
         yield clock
-    finally:
-        for each in reversed(patches):
-            each.stop()

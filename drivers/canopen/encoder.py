@@ -26,6 +26,7 @@ from drivers.can_bus import Frame
 from drivers.can_device import Identity
 from drivers.can_link import CanLink
 from drivers.canopen.device import Wire
+from drivers.canopen.doubles import DoubleWatch
 from drivers.canopen.identity import identify
 from drivers.canopen.master import NMT, NMT_START, CanopenMaster
 from drivers.canopen.sdo import Sdo
@@ -123,6 +124,15 @@ class SampleTrack:
             flags=flags,
         )
 
+    def doubtful(self, sample: Sample, time_ns: int, *, asked: bool) -> Reading:
+        """The reading of a sample that may be another device's: flagged, its counter ignored."""
+        if asked:
+            self._tally.receive()
+        else:
+            self._tally.receive_unasked()
+        self.restart()
+        return Reading(self._channel, time_ns, sample.position, flags=ReadingFlag.DEVICE_ERROR)
+
     def restart(self) -> None:
         """The device has booted: its counter and its time begin anew."""
         self._counter.restart()
@@ -164,6 +174,7 @@ class Encoder:
         self._parameters = 0x1800 + spec.options.tpdo - 1
         self._heard_ns: int | None = None
         self._silent = False
+        self._answers = DoubleWatch()
 
     def attach(self, wire: Wire) -> None:
         """Belong to a bus."""
@@ -193,9 +204,20 @@ class Encoder:
     def receive(self, frame: Frame) -> Sequence[Event]:
         """Take a position PDO; raises Malformed."""
         sample = decode(frame.data)
-        events: list[Event] = [
-            track.reading(sample, frame.time_ns, frame.device_time_ns) for track in self._tracks
-        ]
+        events: list[Event] = []
+        if self._answers.answer(frame.time_ns):
+            text = (
+                f"two devices answer as node {self.node_id}, which is {self.name}: give one of them "
+                f"another node id; until then readings are flagged, because either may be the other's"
+            )
+            events.append(Fault(frame.time_ns, self.name, FaultKind.DUPLICATED, text))
+        if self._answers.doubled:
+            asked = not self._answers.surplus
+            events += [track.doubtful(sample, frame.time_ns, asked=asked) for track in self._tracks]
+        else:
+            events += [
+                track.reading(sample, frame.time_ns, frame.device_time_ns) for track in self._tracks
+            ]
         self._heard_ns = frame.time_ns
         if self._silent:
             self._silent = False
@@ -225,6 +247,9 @@ class Encoder:
         """A SYNC was sent: say so once when none has been answered for long."""
         if self._heard_ns is None:
             self._heard_ns = time_ns
+        if self._answers.ask(time_ns):
+            text = f"only one device answers as node {self.node_id} again"
+            return (Fault(time_ns, self.name, FaultKind.SINGLE, text),)
         if self._silent or not self._tracks or time_ns - self._heard_ns <= SILENT_NS:
             return ()
         self._silent = True

@@ -7,7 +7,8 @@ Wire contract, beside that of the devices:
     heartbeat  0x700 + master_id  05   every 0.1 s while the bus is served, a drive wants it, and
                                        whoever supervises vouches for the drives
     EMCY       0x080 + id        error code, 2 bytes little-endian: an EMERGENCY fault
-    boot-up    0x700 + id  00    a RESTARTED fault; the node is set up again
+    boot-up    0x700 + id  00    a RESTARTED fault; the node is set up again. Of a node that the rig
+                                 does not name: a FOREIGN fault, for it may have a wrong id
 """
 
 from __future__ import annotations
@@ -56,10 +57,9 @@ class CanopenMaster:
         self.name = port
         self._nodes = {node.node_id: node for node in nodes}
         self._master_id = master_id_of(port, nodes)
-        self.identifiers = tuple(
-            function + node_id
-            for function in (EMCY, SDO_ANSWER, HEARTBEAT)
-            for node_id in self._nodes
+        self.identifiers = (
+            *(function + node_id for function in (EMCY, SDO_ANSWER) for node_id in self._nodes),
+            *(HEARTBEAT + node_id for node_id in range(1, 128) if node_id != self._master_id),
         )
         self._heartbeat: Schedule | None = None
         self._vouched_until_ns = 0
@@ -110,7 +110,15 @@ class CanopenMaster:
 
     def receive(self, frame: Frame) -> Sequence[Event]:
         """Take an SDO answer, an emergency or a boot-up."""
-        function, node = frame.identifier & FUNCTION, self._nodes[frame.identifier & ~FUNCTION]
+        function, node_id = frame.identifier & FUNCTION, frame.identifier & ~FUNCTION
+        node = self._nodes.get(node_id)
+        if node is None:
+            if frame.data[:1] == b"\0":
+                text = (
+                    f"node {node_id} has booted, which the rig does not name on port '{self.name}'"
+                )
+                self._wire.fault(frame.time_ns, self.name, FaultKind.FOREIGN, text)
+            return ()
         if function == EMCY:
             return self._take_emergency(node, frame)
         if function == HEARTBEAT:
@@ -130,6 +138,9 @@ class CanopenMaster:
             meaning = EmcyError(code, 0, b"", 0.0).get_desc() or "unknown"
             text = f"{node.name} reports the error 0x{code:04X} ({meaning})"
             self._wire.fault(frame.time_ns, node.name, FaultKind.EMERGENCY, text)
+        elif code == 0:
+            text = f"{node.name} reports that it has no error any more"
+            self._wire.fault(frame.time_ns, node.name, FaultKind.EMERGENCY_OVER, text)
         try:
             return node.emergency(code, frame.time_ns)
         except Malformed as error:

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from typing import Any
 
 import serial  # type: ignore[import-untyped]
 
@@ -111,7 +112,7 @@ def _moved(port: CanPort | SerialPort | TcpPort, address: str) -> CanPort | Seri
     if isinstance(port, CanPort):
         moved = {"interface": "slcan", "channel": address}
         # The options of another interface mean nothing to an slcan adapter.
-        kept = {} if port.interface == "slcan" else {"options": {}}
+        kept: dict[str, Any] = {} if port.interface == "slcan" else {"options": {}}
         return port.model_copy(update={**moved, **kept})
     if isinstance(port, SerialPort):
         return port.model_copy(update={"path": address})

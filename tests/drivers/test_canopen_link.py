@@ -273,8 +273,9 @@ def test_a_device_that_restarts_is_set_up_again(slaves, make_link, encoder, cloc
     pump_until(link, Reading)
     slave.commands.clear()
     slave.send(0x701, b"\0")
-    (fault,) = pump_until(link, Fault)
-    assert (fault.source, fault.kind) == ("encoder1", FaultKind.RESTARTED)
+    began, ended = pump_until(link, Fault, 2)
+    assert (began.source, began.kind) == ("encoder1", FaultKind.RESTARTED)
+    assert (ended.source, ended.kind) == ("encoder1", FaultKind.STARTED)
     pump_until(link, Reading, step=lambda: clock.advance(STEP_S))
     assert slave.started
 
@@ -328,8 +329,9 @@ def test_a_drive_that_restarts_is_guarded_again(slaves, make_link, pump_until):
     link.start(HZ)
     slave.node.set_data(0x1016, 1, bytes(4))
     slave.send(0x711, b"\0")
-    (fault,) = pump_until(link, Fault)
-    assert (fault.source, fault.kind) == ("drive17", FaultKind.RESTARTED)
+    began, ended = pump_until(link, Fault, 2)
+    assert (began.source, began.kind) == ("drive17", FaultKind.RESTARTED)
+    assert (ended.source, ended.kind) == ("drive17", FaultKind.STARTED)
     assert slave.node.get_data(0x1016, 1) == (127 << 16 | 1000).to_bytes(4, "little")
 
 

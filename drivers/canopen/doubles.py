@@ -1,0 +1,58 @@
+"""Whether two nodes answer under one id: more answers than requests. Pure.
+
+An answer may come late, behind the next request, so a single surplus says nothing; several in
+a short time do. A doubled id shows in nothing else: both nodes send valid frames. An adapter
+that stalls gives what it kept in a burst; that is no surplus, because the requests were sent.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+from drivers.schedule import SECOND
+
+SURPLUS = 3
+"""Answers beyond the requests, within `WINDOW_NS`, that cannot be late ones."""
+
+WINDOW_NS = SECOND
+LATEST_NS = 2 * SECOND
+"""How late an answer may be; what has not come by then is lost, and hides a surplus no longer."""
+
+
+class DoubleWatch:
+    """Counts the answers of one node against the requests to it.
+
+    Attributes:
+        doubled: whether two nodes answer.
+        surplus: whether the last answer was one too many.
+    """
+
+    def __init__(self) -> None:
+        self.doubled = False
+        self.surplus = False
+        self._owed: deque[int] = deque()
+        self._times: list[int] = []
+
+    def ask(self, now_ns: int) -> bool:
+        """A request was sent; whether this shows that only one node is left."""
+        self._owed.append(now_ns)
+        while now_ns - self._owed[0] > LATEST_NS:
+            self._owed.popleft()
+        if self.doubled and now_ns - self._times[-1] >= WINDOW_NS:
+            self.doubled = False
+            self._times = []
+            return True
+        return False
+
+    def answer(self, now_ns: int) -> bool:
+        """An answer came; whether this shows that there are two nodes now."""
+        self.surplus = not self._owed
+        if not self.surplus:
+            self._owed.popleft()
+            return False
+        recent = [time_ns for time_ns in self._times if now_ns - time_ns < WINDOW_NS]
+        self._times = [*recent[1 - SURPLUS :], now_ns]
+        if self.doubled or len(self._times) < SURPLUS:
+            return False
+        self.doubled = True
+        return True
