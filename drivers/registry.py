@@ -26,6 +26,10 @@ Port = CanPort | SerialPort | TcpPort
 BUILT_IN: Mapping[str, str] = {
     "canopen-encoder": "drivers.canopen.encoder",
     "canopen-joint": "drivers.canopen.joint",
+    "canopen-listener": "drivers.canopen.listener",
+    "dbc-encoder": "drivers.dbc.encoder",
+    "dbc-joint": "drivers.dbc.joint",
+    "dbc-listener": "drivers.dbc.listener",
     "modbus-adc": "drivers.modbus.adc",
 }
 """Modules, imported when a rig uses them: each brings the libraries of its own protocol."""
