@@ -63,6 +63,11 @@ class EventQueue:
             self._items.clear()
             return items
 
+    @property
+    def waiting(self) -> int:
+        """Items that wait to be taken."""
+        return len(self._items)
+
     def close(self) -> None:
         """Nothing more will be offered."""
         with self._changed:

@@ -20,11 +20,21 @@ class Ledger:
 
     def __init__(self) -> None:
         self._received: Counter[str] = Counter()
+        self._refused: Counter[str] = Counter()
         self._entries: dict[str, LedgerEntry] = {}
 
     def received(self, channel: str) -> None:
         """One reading of ``channel`` was handed to the file."""
         self._received[channel] += 1
+
+    def lost(self, channel: str, count: int) -> None:
+        """Readings that were handed to the file are not in it: its disk failed."""
+        self._received[channel] -= count
+        self._refused[channel] += count
+
+    def refused(self, channel: str) -> None:
+        """One reading of ``channel`` came when nothing could be written any more."""
+        self._refused[channel] += 1
 
     def reach(self, checkpoint: Checkpoint, now_ns: int) -> None:
         """All readings before ``checkpoint`` have been handed to the file: strike the balance."""
@@ -35,7 +45,7 @@ class Ledger:
                 expected=losses.expected,
                 received=self._received[channel],
                 dropped_by_device=losses.dropped_by_device,
-                dropped_by_host=checkpoint.dropped_by_host.get(channel, 0),
+                dropped_by_host=checkpoint.dropped_by_host.get(channel, 0) + self._refused[channel],
                 lost_in_gaps=losses.lost_in_gaps,
                 gaps=losses.gaps,
             )

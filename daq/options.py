@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from recordings.storage import Storage, Sync
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -17,6 +19,7 @@ class CaptureOptions:
         skipped_stops: stops skipped in a row after which the session fails.
         max_duration_s: end the session after this time, or None for no limit.
         queue_capacity: readings that may wait for the disk before the newest are dropped.
+        storage: how the recording is kept on disk: forced there at every flush, unless told.
     """
 
     live_timeout_s: float = 3.0
@@ -25,3 +28,4 @@ class CaptureOptions:
     skipped_stops: int = 3
     max_duration_s: float | None = None
     queue_capacity: int = 200_000
+    storage: Storage = field(default_factory=lambda: Storage(sync=Sync.FLUSH))

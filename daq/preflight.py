@@ -14,12 +14,13 @@ from daq.interlocks import Interlocks
 from daq.scale import scale_of
 from drivers import DeviceStatus, DriverError, Link
 from recordings.rig import Plan, Rig, Visit
+from recordings.storage import Storage, room_in
 
 MOST_SHOWN = 10
 """Violations of interlocks that one error names."""
 
 
-def check_path(path: Path) -> None:
+def check_path(path: Path, storage: Storage) -> None:
     """Whether a recording can be made at ``path``; raises CannotRecord."""
     if path.exists():
         raise CannotRecord(
@@ -28,6 +29,11 @@ def check_path(path: Path) -> None:
         )
     if not path.parent.is_dir():
         raise CannotRecord(f"there is no folder '{path.parent}' for the recording; make it first")
+    if (room := room_in(path.parent)) < storage.reserve_bytes:
+        raise CannotRecord(
+            f"the disk of '{path.parent}' has {room / 1e6:.1f} MB left, less than the reserve of "
+            f"{storage.reserve_bytes / 1e6:.1f} MB that every recording keeps; make room first"
+        )
 
 
 def check_plan(rig: Rig, plan: Plan, stops: Sequence[Visit], interlocks: Interlocks) -> None:

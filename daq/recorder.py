@@ -1,20 +1,21 @@
 """The recorder: the one thread that writes the file.
 
 It empties the queue, keeps the ledger, and flushes on a timer, so that a killed process
-loses at most `FLUSH_S` and what was on its way. A disk that fails stops the recording, not
-the buses: the failure is kept for the session, which ends.
+loses at most `FLUSH_S` and what was on its way. A disk that is nearly full is told to the
+session, which ends in order while there is room for its end. A disk that fails stops the
+recording, not the buses: the session ends too, and what still comes is counted as dropped.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Protocol
 
 from daq.clock import SECOND, Clock
-from daq.event_queue import Checkpoint, EventQueue
+from daq.event_queue import Checkpoint, EventQueue, Item
 from daq.ledger import Ledger
-from recordings.errors import RecordingError
+from recordings.errors import DiskFailed, RecordingError
 from recordings.events import Event, Fault, LedgerEntry, Reading
 
 FLUSH_S = 0.25
@@ -24,6 +25,8 @@ FLUSH_S = 0.25
 class EventSink(Protocol):
     """What a recorder needs of a writer."""
 
+    @property
+    def nearly_full(self) -> str: ...
     def write(self, event: Event) -> None: ...
     def flush(self) -> None: ...
     def close(self) -> None: ...
@@ -39,12 +42,18 @@ class Recorder:
         self._clock = clock
         self._entries = self._ledger.entries
         self._failure: Exception | None = None
+        self._nearly_full: RecordingError | None = None
         self._thread = threading.Thread(target=self._run, name="loopcal-recorder")
 
     @property
     def failure(self) -> Exception | None:
         """Why the file can no longer be written, or None while it can."""
         return self._failure
+
+    @property
+    def must_end(self) -> Exception | None:
+        """Why the session must end now: a failure, or a disk with little more room than that takes."""
+        return self._failure or self._nearly_full
 
     @property
     def ledger(self) -> Mapping[str, LedgerEntry]:
@@ -63,28 +72,61 @@ class Recorder:
         try:
             self._record()
         except Exception as error:  # noqa: BLE001 - the end of a thread: the session must see it
-            self._failure = error
+            self._failed(error)
         try:
             self._writer.close()
         except (RecordingError, OSError) as error:
-            self._failure = self._failure or error
+            self._failed(error)
+        while (items := self._queue.take(FLUSH_S)) is not None:
+            self._refuse(items)
+
+    def _failed(self, error: Exception) -> None:
+        self._failure = self._failure or error
+        if isinstance(error, DiskFailed):
+            for channel, count in error.lost.items():
+                self._ledger.lost(channel, count)
+
+    def _refuse(self, items: Iterable[Item]) -> None:
+        """Count what comes when nothing can be written any more."""
+        for item in items:
+            if isinstance(item, Checkpoint):
+                self._ledger.reach(item, self._clock.now_ns())
+            elif isinstance(item, Reading):
+                self._ledger.refused(item.channel)
+        self._entries = self._ledger.entries
 
     def _record(self) -> None:
         flushed_ns = self._clock.now_ns()
         while (items := self._queue.take(FLUSH_S / 2)) is not None:
-            for item in items:
-                if isinstance(item, Checkpoint):
-                    self._balance(item)
-                else:
-                    self._writer.write(item)
-                    if isinstance(item, Reading):
-                        self._ledger.received(item.channel)
+            waiting = iter(items)
+            try:
+                for item in waiting:
+                    self._take(item)
+            except Exception:
+                self._refuse(waiting)
+                raise
             now_ns = self._clock.now_ns()
             if now_ns - flushed_ns >= FLUSH_S * SECOND:
                 self._write_ledger()
                 self._writer.flush()
                 flushed_ns = now_ns
+                if self._nearly_full is None and (why := self._writer.nearly_full):
+                    self._nearly_full = RecordingError(why)
         self._write_ledger()
+
+    def _take(self, item: Item) -> None:
+        if isinstance(item, Checkpoint):
+            self._balance(item)
+            return
+        if isinstance(item, Reading):
+            self._ledger.received(item.channel)
+        try:
+            self._writer.write(item)
+        except RecordingError as error:
+            # A failed disk says itself what it took with it.
+            if isinstance(item, Reading) and not isinstance(error, DiskFailed):
+                self._ledger.lost(item.channel, 1)
+            raise
 
     def _balance(self, checkpoint: Checkpoint) -> None:
         now_ns = self._clock.now_ns()

@@ -114,7 +114,8 @@ def capture(
     if plan is None:
         raise PlanNotPossible(f"the rig '{rig.name}' has no [plan]; add one, or give a plan")
     target = Path(path)
-    check_path(target)
+    options = options or CaptureOptions()
+    check_path(target, options.storage)
     stops = visits(plan)
     interlocks = Interlocks(rig, mobility or counted(rig))
     check_plan(rig, plan, stops, interlocks)
@@ -140,7 +141,7 @@ def capture(
                 arming=arming if limited else None,
                 clock=clock,
                 stop=stop,
-                options=options or CaptureOptions(),
+                options=options,
             )
             metadata = Session(
                 session_id=uuid.uuid4().hex,
@@ -274,7 +275,7 @@ class _Session:
             CannotRecord: the file cannot be created; nothing samples any more.
         """
         try:
-            writer = Writer(path, rig_toml, metadata)
+            writer = Writer(path, rig_toml, metadata, self._options.storage)
         except BaseException as error:
             self._stop_links()
             if isinstance(error, RecordingError):
@@ -324,6 +325,7 @@ class _Session:
             ending, why, cause = Ending.FAILED, str(recorder.failure), recorder.failure
         return CaptureSummary(
             path=path,
+            parts=len(writer.paths),
             ending=ending,
             why=why,
             duration_s=(self._clock.now_ns() - supervision.start_ns) / SECOND,

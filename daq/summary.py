@@ -23,7 +23,7 @@ class CaptureSummary:
     """A finished session. The recording is closed and whole, however it ended.
 
     Attributes:
-        path: the recording.
+        path: the recording, the first of its parts where there are several.
         ending: how it ended.
         why: in words, why it stopped or failed; empty when complete.
         duration_s: from the first to the last moment of the recording.
@@ -33,6 +33,7 @@ class CaptureSummary:
         faults: faults in order of arrival, those of stopping included.
         states: every change of the session's state, with its cause.
         error: exception behind a failure, for whoever looks for a bug; or None.
+        parts: how many files the recording has.
     """
 
     path: Path
@@ -45,6 +46,7 @@ class CaptureSummary:
     faults: tuple[Fault, ...]
     states: tuple[StateChange, ...] = ()
     error: BaseException | None = None
+    parts: int = 1
 
     @property
     def poses(self) -> int:

@@ -189,8 +189,8 @@ class Supervision:
         )
 
     def _check(self, now_ns: int) -> None:
-        if (error := self._recorder.failure) is not None:
-            raise SessionFailed("recording", f"the recording cannot be written: {error}") from error
+        if (error := self._recorder.must_end) is not None:
+            raise SessionFailed("recording", f"the recording cannot go on: {error}") from error
         for link in self._links:
             if (failure := link.failure) is not None:
                 text = f"{link.name}: {type(failure).__name__}: {failure}"

@@ -29,6 +29,7 @@ from drivers import make_links
 from loopcal.console import err, out
 from recordings.events import SessionState
 from recordings.rig import Plan, Rig, load_plan, parse_rig, rig_text
+from recordings.storage import Storage
 
 SHORT_S = 60.0
 """An arming that lasts no longer than this [s] is shown in red."""
@@ -46,6 +47,7 @@ def run_capture(
     operator: str,
     notes: str,
     limit_s: float | None,
+    storage: Storage,
 ) -> bool:
     """Run a session in the foreground; whether it ended well (complete, or stopped by the operator)."""
     text, source = rig_text(name)
@@ -69,7 +71,7 @@ def run_capture(
             operator=operator,
             notes=notes,
             plan_override=_plan(rig, plan, poses),
-            options=CaptureOptions(max_duration_s=limit_s),
+            options=CaptureOptions(max_duration_s=limit_s, storage=storage),
         )
     show_summary(summary)
     return summary.ending is not Ending.FAILED
@@ -213,6 +215,10 @@ class _Renewals:
         return not os.isatty(descriptor) or os.tcgetpgrp(descriptor) == os.getpgrp()
 
 
+def _parts(summary: CaptureSummary) -> str:
+    return f" and {summary.parts - 1} more parts" if summary.parts > 1 else ""
+
+
 def show_summary(summary: CaptureSummary) -> None:
     """Print what was recorded and what was lost."""
     style = {Ending.COMPLETE: "green", Ending.STOPPED: "yellow", Ending.FAILED: "red"}[
@@ -221,7 +227,7 @@ def show_summary(summary: CaptureSummary) -> None:
     why = f": {summary.why}" if summary.why else ""
     out.print(Text(f"session {summary.ending}{why}", style=style), soft_wrap=True)
     out.print(
-        f"{summary.path}: {len(summary.dwells)} dwells at {summary.poses} poses in {summary.duration_s:.1f} s",
+        f"{summary.path}{_parts(summary)}: {len(summary.dwells)} dwells at {summary.poses} poses in {summary.duration_s:.1f} s",
         markup=False,
         soft_wrap=True,
     )

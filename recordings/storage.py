@@ -21,8 +21,6 @@ from recordings.errors import RecordingError
 if sys.platform != "win32":
     import resource
 
-_MIB = 1024 * 1024
-
 
 class Sync(StrEnum):
     """When what was written is forced from the system's memory to the disk itself.
@@ -53,7 +51,7 @@ class Storage:
     """
 
     sync: Sync = Sync.CLOSE
-    reserve_bytes: int = 32 * _MIB
+    reserve_bytes: int = 32_000_000
     rotate_bytes: int | None = None
     rotate_s: float | None = None
 
@@ -153,11 +151,16 @@ class RecordingFile:
 
     def room(self) -> int:
         """Bytes by which the file can still grow: free space, or the limit on a file's size."""
-        free = shutil.disk_usage(self.path.absolute().parent).free
-        if sys.platform == "win32":
-            return free
-        limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
-        return free if limit == resource.RLIM_INFINITY else min(free, limit - self._size)
+        return room_in(self.path.absolute().parent, self._size)
+
+
+def room_in(folder: Path, size: int = 0) -> int:
+    """Bytes by which a file of ``size`` bytes in ``folder`` can still grow."""
+    free = shutil.disk_usage(folder).free
+    if sys.platform == "win32":
+        return free
+    limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
+    return free if limit == resource.RLIM_INFINITY else min(free, limit - size)
 
 
 def disk_error(error: OSError) -> str:

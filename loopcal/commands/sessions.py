@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -96,11 +96,42 @@ def capture(
         float | None,
         typer.Option("--limit", metavar="SECONDS", help="End the session after this time."),
     ] = None,
+    rotate_mb: Annotated[
+        float | None,
+        typer.Option(
+            "--rotate-mb", metavar="MB", help="Go on in a new file (FILE.002.mcap) at this size."
+        ),
+    ] = None,
+    rotate_s: Annotated[
+        float | None,
+        typer.Option("--rotate-s", metavar="SECONDS", help="Go on in a new file after this time."),
+    ] = None,
+    fsync: Annotated[
+        Literal["flush", "close", "never"],
+        typer.Option(
+            "--fsync",
+            help="When data is forced to the disk, against power loss: at every flush (4 times a "
+            "second), when a file is closed, or whenever the system likes.",
+        ),
+    ] = "flush",
+    reserve_mb: Annotated[
+        float,
+        typer.Option(
+            "--reserve-mb", metavar="MB", min=0, help="End the session when less disk is free."
+        ),
+    ] = 32.0,
 ) -> None:
     """Run a capture session and record it. Ctrl-C ends it cleanly."""
     from loopcal.capturing import run_capture
+    from recordings.storage import Storage, Sync
 
     with explained():
+        storage = Storage(
+            sync=Sync(fsync),
+            reserve_bytes=round(reserve_mb * 1e6),
+            rotate_bytes=None if rotate_mb is None else round(rotate_mb * 1e6),
+            rotate_s=rotate_s,
+        )
         ended_well = run_capture(
             rig,
             output,
@@ -112,6 +143,7 @@ def capture(
             operator=operator,
             notes=notes,
             limit_s=limit,
+            storage=storage,
         )
     if not ended_well:
         raise typer.Exit(1)

@@ -10,7 +10,7 @@ from daq.clock import ManualClock
 from daq.event_queue import Checkpoint, EventQueue
 from daq.recorder import Recorder
 from drivers import Losses
-from recordings.errors import RecordingError
+from recordings.errors import DiskFailed, RecordingError
 from recordings.events import Dwell, Fault, LedgerEntry, Reading
 
 
@@ -21,13 +21,14 @@ class Sink:
         self.events: list[object] = []
         self.free = threading.Event()
         self.free.set()
-        self.fails = False
+        self.fails: Exception | None = None
         self.closed = False
+        self.nearly_full = ""
 
     def write(self, event: object) -> None:
         assert self.free.wait(10.0)
         if self.fails:
-            raise RecordingError("no space left on device")
+            raise self.fails
         self.events.append(event)
 
     def flush(self) -> None:
@@ -108,17 +109,65 @@ def test_it_flushes_on_a_timer():
     recorder.join()
 
 
-def test_a_disk_that_fails_is_kept_for_the_session_and_blocks_nobody():
+@pytest.mark.parametrize("waiting", [7, 0])
+def test_what_comes_after_the_disk_failed_is_accounted_for_and_blocks_nobody(waiting):
+    """The disk takes 7 readings that waited with it; or the event that it refuses is no reading."""
     sink = Sink()
-    sink.fails = True
+    queue = EventQueue(capacity=100)
+    recorder = Recorder(sink, queue, ManualClock())
+    queue.offer(readings(20))
+    queue.offer([Checkpoint({"q1": Losses(20, 0, 0, 0)}, {})])
+    recorder.start()
+    while "q1" not in recorder.ledger:
+        threading.Event().wait(0.001)
+    sink.fails = DiskFailed("the disk is full", {"q1": waiting} if waiting else {})
+    queue.offer([*(readings(1) if waiting else [Dwell(9, 1, 2, 0, 0)]), *readings(9)])
+    for sent in range(30, 330, 10):
+        assert queue.offer(readings(10)) == {}, "nobody takes from the queue"
+        while queue.waiting:
+            threading.Event().wait(0.001)
+        queue.offer([Checkpoint({"q1": Losses(sent + 10, 0, 0, 0)}, {})])
+    queue.offer([Checkpoint({"q1": Losses(329 + bool(waiting), 0, 0, 0)}, {})])
+    queue.close()
+    recorder.join()
+    assert isinstance(recorder.failure, DiskFailed)
+    entry = recorder.ledger["q1"]
+    assert entry.unaccounted == 0
+    assert entry.received == 20 + bool(waiting) - waiting
+    assert sink.closed
+
+
+def test_an_event_that_the_writer_refuses_is_accounted_for():
+    sink = Sink()
+    sink.fails = RecordingError("a number does not fit")
     queue = EventQueue(capacity=3)
     recorder = Recorder(sink, queue, ManualClock())
+    queue.offer([*readings(3), Checkpoint({"q1": Losses(3, 0, 0, 0)}, {})])
+    queue.close()
     recorder.start()
-    queue.offer(readings(1))
     recorder.join()
     assert isinstance(recorder.failure, RecordingError)
-    assert queue.offer(readings(5)) == {"q1": 2}
-    assert sink.closed
+    assert recorder.ledger["q1"].dropped_by_host == 3
+    assert recorder.ledger["q1"].unaccounted == 0
+
+
+def test_a_nearly_full_disk_ends_the_session_and_is_no_failure():
+    sink = Sink()
+    sink.nearly_full = "3 MB left"
+    queue = EventQueue(capacity=100)
+    clock = ManualClock()
+    recorder = Recorder(sink, queue, clock)
+    recorder.start()
+    while recorder.must_end is None:
+        clock.advance(0.5)
+        queue.offer(readings(1))
+        threading.Event().wait(0.001)
+    assert "3 MB left" in str(recorder.must_end)
+    queue.offer([Dwell(9, 1, 2, 0, 0)])
+    queue.close()
+    recorder.join()
+    assert Dwell(9, 1, 2, 0, 0) in sink.events
+    assert recorder.failure is None
 
 
 def test_a_bug_in_the_writer_is_not_hidden():
@@ -128,6 +177,7 @@ def test_a_bug_in_the_writer_is_not_hidden():
     recorder = Recorder(sink, queue, ManualClock())
     recorder.start()
     queue.offer(readings(1))
+    queue.close()
     recorder.join()
     with pytest.raises(ZeroDivisionError):
         raise recorder.failure
