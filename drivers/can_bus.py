@@ -24,10 +24,10 @@ from can.exceptions import error_check
 from can.interfaces import VALID_INTERFACES
 from pydantic import ValidationError
 
-from drivers.errors import BadCommand, LinkBroken, LinkClosed, OptionError, option_faults
+from drivers.errors import BadCommand, BusOff, LinkBroken, LinkClosed, OptionError, option_faults
 from drivers.link import Clock
 from drivers.ports import DeviceLock, is_pseudo_terminal, open_error
-from drivers.slcan import BIT_RATES, SlcanBus, SlcanMessage, SlcanOptions
+from drivers.slcan import BIT_RATES, BUS_OFF, SlcanBus, SlcanMessage, SlcanOptions
 from drivers.socketcand import SocketcandBus, SocketcandOptions
 from recordings.rig import CanPort
 from recordings.rig.quantity import Described
@@ -146,6 +146,7 @@ class CanBus:
         """The next data frame, or None after ``timeout_s`` or something that is not one.
 
         Raises:
+            BusOff: the controller has left the bus; close and open it again.
             LinkBroken: the bus is gone.
             LinkClosed: the bus is not open.
         """
@@ -158,6 +159,11 @@ class CanBus:
         if message is None or message.is_remote_frame:
             return None
         if message.is_error_frame:
+            if message.arbitration_id & BUS_OFF:
+                raise BusOff(
+                    f"the controller of port '{self._port.name}' at '{self._port.channel}' has left "
+                    f"the bus (bus off): check bit rate, termination, wiring, and a device that disturbs"
+                )
             self.error_frames += 1
             return None
         if message.is_fd:

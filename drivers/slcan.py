@@ -49,6 +49,9 @@ LONGEST_LINE = 1 + 8 + 1 + 2 * LONGEST_DATA + 4
 STAMP_DIGITS = 4
 STAMP_PERIOD_MS = 60_000
 SHOWN_BYTES = 40
+REFUSED_IN_A_ROW = 6
+BUS_OFF = 0x40
+"""Class of the error frame that says so, as in the identifier of an error frame of SocketCAN."""
 
 RELAXATION = 2e-4
 """How fast an estimate of the adapter's offset gives way, so that it can follow a drifting clock."""
@@ -142,13 +145,33 @@ class LineBuffer:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The lines that ``data`` completes, without their ends. BELL ends a line too."""
-        lines = (self._rest + data).replace(BELL, CR).split(CR)
+        """The lines that ``data`` completes, without their ends. BELL is a line of its own."""
+        lines = (self._rest + data).replace(BELL, CR + BELL + CR).split(CR)
         self._rest = lines.pop()
         if len(self._rest) > LONGEST_LINE:
             lines.append(self._rest)
             self._rest = b""
         return lines
+
+
+class Refusals:
+    """Tells a controller that has left its bus from one that refuses now and then. Pure.
+
+    An adapter has no other way to say it: what it is asked to send is refused, again and again,
+    and nothing comes. Setting it up may cost some refusals too, but not so many in a row.
+    """
+
+    def __init__(self) -> None:
+        self._in_a_row = 0
+
+    def refused(self) -> bool:
+        """A command was refused; whether this shows that the controller is off the bus."""
+        self._in_a_row += 1
+        return self._in_a_row % REFUSED_IN_A_ROW == 0
+
+    def works(self) -> None:
+        """A frame was sent or received."""
+        self._in_a_row = 0
 
 
 class AdapterClock:
@@ -228,6 +251,7 @@ class SlcanBus(can.BusABC):
         self._received: deque[bytes] = deque()
         self._received_s = 0.0
         self._clock = AdapterClock()
+        self._refusals = Refusals()
         self.channel_info = f"slcan {channel}"
         self._can_protocol = can.CanProtocol.CAN_20
         try:
@@ -271,12 +295,21 @@ class SlcanBus(can.BusABC):
             self._received_s = time.time()
             self._received.extend(self._lines.feed(data))
         while self._received:
+            line = self._received.popleft()
+            if line == BELL:
+                if self._refusals.refused():
+                    return can.Message(arbitration_id=BUS_OFF, is_error_frame=True), False
+                continue
             try:
-                message = decode(self._received.popleft())
+                message = decode(line)
             except Garbled:
                 self.malformed += 1
                 continue
-            if message is not None:
+            if message is None:
+                if line[:1] in (b"z", b"Z"):
+                    self._refusals.works()
+            else:
+                self._refusals.works()
                 return self._stamped(message), False
         return None, False
 

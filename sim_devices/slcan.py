@@ -165,8 +165,7 @@ class SlcanAdapter:
         if not allowed:
             return [BELL]
         self._channel = channel
-        if channel is Channel.CLOSED:
-            self._is_off = self._driven_off
+        self._is_off = self._driven_off
         return [OK]
 
     def _report_status(self) -> list[bytes | Frame]:

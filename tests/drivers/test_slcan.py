@@ -74,7 +74,7 @@ def test_lines_are_whole_however_they_arrive(size):
     buffer, lines = LineBuffer(), []
     for start in range(0, len(stream), size):
         lines += buffer.feed(stream[start : start + size])
-    assert [line for line in lines if line] == [b"t10021133", b"z", b"t1000"]
+    assert [line for line in lines if line] == [b"t10021133", b"\a", b"z", b"t1000"]
     assert buffer.feed(b"230\r") == [b"t1230"]
 
 
