@@ -1,9 +1,9 @@
 """One thread a link: it starts the link, pumps it, and stops it.
 
 Everything a link does on its port between `start` and `stop` happens in this thread. What
-comes is shown to the live state first and then queued for the file. An exception ends the
-thread, not the process: it is kept for the session, which ends in safe mode and names the
-link.
+comes is shown to the live state first, tells of the clocks of devices, and is queued for the
+file. An exception ends the thread, not the process: it is kept for the session, which ends in
+safe mode and names the link.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from daq.clock import SECOND, Clock
+from daq.device_clocks import DeviceClocks
 from daq.event_queue import Checkpoint, EventQueue
 from daq.live import LiveState
 from drivers import DriverError, Link
@@ -29,13 +30,20 @@ class LinkThread:
     """Runs one link from its start to its stop."""
 
     def __init__(
-        self, link: Link, sample_hz: float, live: LiveState, queue: EventQueue, clock: Clock
+        self,
+        link: Link,
+        sample_hz: float,
+        live: LiveState,
+        queue: EventQueue,
+        clock: Clock,
+        clocks: DeviceClocks,
     ) -> None:
         self._link = link
         self._sample_hz = sample_hz
         self._live = live
         self._queue = queue
         self._clock = clock
+        self._clocks = clocks
         self._dropped: Counter[str] = Counter()
         self._stop = threading.Event()
         self._failure: Exception | None = None
@@ -89,6 +97,8 @@ class LinkThread:
 
     def _deliver(self, events: Sequence[Event]) -> None:
         self._live.observe(events)
+        if said := self._clocks.follow(events):
+            events = [*events, *said]
         self._dropped.update(self._queue.offer(events))
 
     def _checkpoint(self) -> None:

@@ -20,6 +20,7 @@ from types import FrameType
 from daq.arming import Arming
 from daq.by_hand import ByHandPlan
 from daq.clock import SECOND, Clock, HostClock
+from daq.device_clocks import DeviceClocks
 from daq.driven import DrivenPlan
 from daq.drives import Drives
 from daq.errors import CannotRecord, NotReady, PlanNotPossible, SessionFailed, StopRequested
@@ -42,6 +43,7 @@ from recordings.errors import RecordingError
 from recordings.events import Event, Mark, Mode
 from recordings.rig import Plan, Rig, Visit, visits
 from recordings.session import Session
+from recordings.timing import DeviceTiming, timings
 from recordings.writer import Writer
 
 
@@ -224,8 +226,11 @@ class _Session:
             record=lambda fault: self._record([fault]),
         )
         self._armed = "the operator armed" if arming is not None else "no real drive is moved"
+        devices = {c.name: c.device for c in rig.channels if c.device is not None}
+        self._clocks = [DeviceClocks(devices) for _ in links]
         self._links = [
-            LinkThread(link, plan.sample, self._live, self._queue, clock) for link in links
+            LinkThread(link, plan.sample, self._live, self._queue, clock, clocks)
+            for link, clocks in zip(links, self._clocks, strict=True)
         ]
 
     def start(self) -> None:
@@ -334,6 +339,7 @@ class _Session:
             ledger=recorder.ledger,
             faults=self._live.faults,
             states=self._states.changes,
+            timing=self._timing(),
             error=cause,
         )
 
@@ -351,6 +357,15 @@ class _Session:
             drives.set_mode(joint, Mode.OFF, "before the plan")
             drives.set_mode(joint, Mode.FREE, "moved by hand")
         ByHandPlan(self._plan, len(self._stops), supervision).run()
+
+    def _timing(self) -> tuple[DeviceTiming, ...]:
+        """What is known of the times of each device in the end."""
+        known = [clocks.known for clocks in self._clocks]
+        return timings(
+            self._rig,
+            [sample for samples, _ in known for sample in samples],
+            [trip for _, trips in known for trip in trips],
+        )
 
     def _record(self, events: Sequence[Event]) -> None:
         """Put events of the session itself on their way to the file."""

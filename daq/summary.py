@@ -8,6 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from recordings.events import Dwell, Fault, LedgerEntry, StateChange
+from recordings.timing import DeviceTiming
 
 
 class Ending(StrEnum):
@@ -32,6 +33,7 @@ class CaptureSummary:
         ledger: per channel, what should have come, what came, and where the rest went.
         faults: faults in order of arrival, those of stopping included.
         states: every change of the session's state, with its cause.
+        timing: what is known of the times of each device in the end.
         error: exception behind a failure, for whoever looks for a bug; or None.
         parts: how many files the recording has.
     """
@@ -45,6 +47,7 @@ class CaptureSummary:
     ledger: Mapping[str, LedgerEntry]
     faults: tuple[Fault, ...]
     states: tuple[StateChange, ...] = ()
+    timing: tuple[DeviceTiming, ...] = ()
     error: BaseException | None = None
     parts: int = 1
 

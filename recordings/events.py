@@ -160,15 +160,16 @@ class ClockSample:
 
 @dataclass(frozen=True, slots=True)
 class RoundTrip:
-    """Shortest time from asking ``source`` to its answer, in the second or so before ``time_ns``.
+    """Times from asking ``source`` to its answers, in the second or so before ``time_ns``.
 
-    Its readings were taken between the two, so that at least one of them was at most
-    ``shortest_ns`` old when it arrived.
+    Each reading was taken between the two, so that all of them were at most ``longest_ns`` old
+    when they arrived, and at least one at most ``shortest_ns``.
     """
 
     source: str
     time_ns: int
     shortest_ns: int
+    longest_ns: int
 
 
 @dataclass(frozen=True, slots=True)

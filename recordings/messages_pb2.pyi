@@ -122,10 +122,12 @@ class ClockSample(_message.Message):
     def __init__(self, device_time_ns: _Optional[int] = ..., offset_ns: _Optional[int] = ..., uncertainty_ns: _Optional[int] = ..., drift_ppb: _Optional[int] = ..., drift_uncertainty_ppb: _Optional[int] = ...) -> None: ...
 
 class RoundTrip(_message.Message):
-    __slots__ = ("shortest_ns",)
+    __slots__ = ("shortest_ns", "longest_ns")
     SHORTEST_NS_FIELD_NUMBER: _ClassVar[int]
+    LONGEST_NS_FIELD_NUMBER: _ClassVar[int]
     shortest_ns: int
-    def __init__(self, shortest_ns: _Optional[int] = ...) -> None: ...
+    longest_ns: int
+    def __init__(self, shortest_ns: _Optional[int] = ..., longest_ns: _Optional[int] = ...) -> None: ...
 
 class LedgerEntry(_message.Message):
     __slots__ = ("expected", "received", "dropped_by_device", "dropped_by_host", "lost_in_gaps", "gaps")

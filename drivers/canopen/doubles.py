@@ -25,11 +25,14 @@ class DoubleWatch:
     Attributes:
         doubled: whether two nodes answer.
         surplus: whether the last answer was one too many.
+        asked_ns: when the request was sent that the last answer belongs to, or an earlier one
+            whose own was lost; None where it was one too many.
     """
 
     def __init__(self) -> None:
         self.doubled = False
         self.surplus = False
+        self.asked_ns: int | None = None
         self._owed: deque[int] = deque()
         self._times: list[int] = []
 
@@ -47,8 +50,8 @@ class DoubleWatch:
     def answer(self, now_ns: int) -> bool:
         """An answer came; whether this shows that there are two nodes now."""
         self.surplus = not self._owed
+        self.asked_ns = self._owed.popleft() if self._owed else None
         if not self.surplus:
-            self._owed.popleft()
             return False
         recent = [time_ns for time_ns in self._times if now_ns - time_ns < WINDOW_NS]
         self._times = [*recent[1 - SURPLUS :], now_ns]

@@ -35,6 +35,7 @@ from drivers.driver import DeviceSpec, Driver
 from drivers.errors import DeviceRefused, Malformed, OptionError
 from drivers.faults import FaultKind
 from drivers.link import JointDrive, Losses
+from drivers.round_trips import RoundTrips
 from drivers.schedule import SECOND
 from drivers.tally import Tally
 from recordings.events import Event, Fault, Reading, ReadingFlag
@@ -175,6 +176,7 @@ class Encoder:
         self._heard_ns: int | None = None
         self._silent = False
         self._answers = DoubleWatch()
+        self._round_trips = RoundTrips(self.name)
 
     def attach(self, wire: Wire) -> None:
         """Belong to a bus."""
@@ -218,6 +220,7 @@ class Encoder:
             events += [
                 track.reading(sample, frame.time_ns, frame.device_time_ns) for track in self._tracks
             ]
+            events += self._round_trips.answered(self._answers.asked_ns, frame.time_ns)
         self._heard_ns = frame.time_ns
         if self._silent:
             self._silent = False

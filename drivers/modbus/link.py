@@ -29,6 +29,7 @@ from drivers.link import Clock, DeviceStatus, JointDrive, Losses
 from drivers.modbus.line import RtuLine, Stream, connect
 from drivers.outage import LONGEST_WAIT_S, Outage
 from drivers.schedule import SECOND, Schedule
+from drivers.round_trips import RoundTrips
 from drivers.tally import Tally
 from recordings.events import Event, Fault, Reading
 from recordings.rig import SerialPort
@@ -94,6 +95,7 @@ class ModbusLink:
         self._late = 0
 
     def open(self) -> None:
+        self._round_trips = {device.name: RoundTrips(device.name) for device in devices}
         """Open the port; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
         with self._turn:
             self._line.open()
@@ -171,6 +173,7 @@ class ModbusLink:
             readings = device.poll(self._line)
         except (DeviceSilent, DeviceRefused) as error:
             kind = FaultKind.SILENT if isinstance(error, DeviceSilent) else FaultKind.REFUSED
+        asked_ns = self._clock.now_ns()
             if device.name not in self._failing:
                 self._failing.add(device.name)
                 self._fault(device.name, kind, f"{device.name}: {error}")
@@ -185,6 +188,9 @@ class ModbusLink:
             self._pending.extend(readings)
         for tally in device.tallies.values():
             tally.give_up()
+            for reading in readings[:1]:
+                trips = self._round_trips[device.name]
+                self._pending.extend(trips.answered(asked_ns, reading.time_ns))
         if self._line.late > self._late:
             text = f"{device.name}: a reply came after its request was given up; it was discarded"
             self._fault(device.name, FaultKind.LATE, text)

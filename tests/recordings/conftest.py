@@ -88,7 +88,7 @@ def one_of_each() -> tuple[Event, ...]:
         StateChange(t + 10, SessionState.MOVING, SessionState.SAFE, "joint1 is too fast"),
         ClockSample("encoder1", t + 10, 123, t, 1000, -20_000, 15),
         ClockSample("rig/encoder2", t + 11, 0, -1, 0),
-        RoundTrip("encoder1", t + 12, 800_000),
+        RoundTrip("encoder1", t + 12, 800_000, 3_000_000),
     )
 
 

@@ -1,0 +1,177 @@
+"""The clock of a device against the host's: offset, drift, and how well both are known. Pure.
+
+Model: a reading taken at device time d arrives at the host time
+
+    h = d + offset + drift (d - d0) + delay,        delay >= 0 with a floor,
+
+where the delay has a shortest value, which one-way times cannot tell from the offset: what is
+estimated is offset + shortest delay. Delays have a long tail and a sharp floor, so the floor is
+followed and not the mean: of each block of `BLOCK_S` only the smallest h - d counts (minimum
+filtering). A straight line through these minima over the last `BLOCKS` blocks, by least squares
+after those far from a median line (Theil-Sen) are left out, gives offset and drift.
+
+What is left of the delay in the minima: of n delays with a density above 0 at the floor, the
+smallest is exponential about the floor, its mean above it equal to its standard deviation. The
+scatter s of the minima about the line is therefore taken off as their mean, and counts as the
+uncertainty of that. A device clock that counts in steps of Q (found as the greatest common
+divisor of the times that it gave, at most `LONGEST_STEP_NS`: samples taken like clockwork have
+a divisor without being rounded to it) is late by anything in [0, Q): Q/2 is taken off,
+Q / sqrt(12) is its uncertainty, and a step that comes or does not come within the time T of the
+line leaves the drift uncertain by Q / (sqrt(3) T).
+
+The line assumes a constant drift over a minute. A device whose time went back, or that
+jumped by more than `JUMP_S` against the host's, has restarted: its clock is another one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+SECOND = 1_000_000_000
+
+BLOCK_S = 0.5
+"""Time over which the least delayed reading is looked for [s]."""
+
+BLOCKS = 120
+"""Blocks through which the line is laid: one minute."""
+
+FEWEST = 6
+"""Blocks before anything is said."""
+
+JUMP_S = 2.0
+"""Change of h - d between two readings [s] that no queue explains."""
+
+LONGEST_STEP_NS = 1_000_000
+"""Longest step in which a device's clock is taken to count."""
+
+FAR = 8.0
+"""Standard deviations, of the median deviation, beyond which a block is left out."""
+
+UNEVEN = 1.2
+"""By how much more than evenly the minima scatter: disturbed blocks hold fewer good readings."""
+
+DEVIATION = 1.4826
+"""Standard deviation over median absolute deviation, of a normal distribution."""
+
+CONFIDENCE = 1.96
+"""Standard deviations within which 95 % of a normal distribution lie."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockEstimate:
+    """What is known of a device's clock at ``device_time_ns``.
+
+    Attributes:
+        device_time_ns: on the device's clock.
+        offset_ns: host arrival minus device time then, of a reading that did not wait.
+        uncertainty_ns: its standard uncertainty.
+        drift: growth of the offset [s/s].
+        drift_uncertainty: its standard uncertainty.
+    """
+
+    device_time_ns: int
+    offset_ns: float
+    uncertainty_ns: float
+    drift: float
+    drift_uncertainty: float
+
+
+class DeviceClock:
+    """Follows the clock of one device, reading by reading.
+
+    Attributes:
+        restarts: how often the device's clock began anew.
+    """
+
+    def __init__(self) -> None:
+        self.restarts = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        self._blocks: deque[tuple[int, int]] = deque(maxlen=BLOCKS)
+        self._best: tuple[int, int] | None = None
+        self._block_ends_ns = 0
+        self._last: tuple[int, int] | None = None
+        self._step_ns = 0
+
+    def add(self, device_time_ns: int, time_ns: int) -> bool:
+        """A reading taken at ``device_time_ns`` came at ``time_ns``; whether a block is complete."""
+        away_ns = time_ns - device_time_ns
+        if self._last is not None:
+            since_ns, jump_ns = device_time_ns - self._last[0], away_ns - self._last[1]
+            if since_ns < 0 or abs(jump_ns) > JUMP_S * SECOND:
+                self.restarts += 1
+                self._begin()
+            else:
+                self._step_ns = math.gcd(self._step_ns, since_ns)
+        self._last = (device_time_ns, away_ns)
+        complete = False
+        if self._best is None or time_ns >= self._block_ends_ns:
+            complete = self._best is not None
+            if self._best is not None:
+                self._blocks.append(self._best)
+            self._best = (device_time_ns, away_ns)
+            self._block_ends_ns = time_ns + round(BLOCK_S * SECOND)
+        elif away_ns < self._best[1]:
+            self._best = (device_time_ns, away_ns)
+        return complete
+
+    def estimate(self) -> ClockEstimate | None:
+        """What the blocks so far tell of the clock now; None while there are too few."""
+        if len(self._blocks) < FEWEST or self._last is None:
+            return None
+        first_ns, away_ns = self._blocks[0]
+        time_s = np.array([(d - first_ns) / SECOND for d, _ in self._blocks])
+        above_ns = np.array([float(y - away_ns) for _, y in self._blocks])
+        kept = _near_a_line(time_s, above_ns)
+        time_s, above_ns = time_s[kept], above_ns[kept]
+        count = len(time_s)
+        middle_s = float(time_s.mean())
+        spread = float(((time_s - middle_s) ** 2).sum())
+        if count < FEWEST or spread <= 0.0:
+            return None
+        slope = float((time_s - middle_s) @ above_ns) / spread
+        level = float(above_ns.mean())
+        left = above_ns - level - slope * (time_s - middle_s)
+        scatter = math.sqrt(float(left @ left) / (count - 2)) * UNEVEN * _student(count - 2)
+        now_s = (self._last[0] - first_ns) / SECOND - middle_s
+        step_ns = float(min(self._step_ns, LONGEST_STEP_NS))
+        # What of the scatter is delay: the steps of the device's clock scatter too.
+        delay_ns = math.sqrt(max(0.0, scatter**2 - step_ns**2 / 12.0))
+        offset_ns = away_ns + level + slope * now_s - delay_ns - step_ns / 2.0
+        statistical = scatter * math.sqrt(1.0 / count + now_s**2 / spread)
+        slope_by_steps = step_ns / (math.sqrt(3.0) * float(np.ptp(time_s)))
+        return ClockEstimate(
+            device_time_ns=self._last[0],
+            offset_ns=offset_ns,
+            uncertainty_ns=math.hypot(
+                statistical, delay_ns, step_ns / math.sqrt(12.0), slope_by_steps * now_s
+            ),
+            drift=slope / SECOND,
+            drift_uncertainty=math.hypot(scatter / math.sqrt(spread), slope_by_steps) / SECOND,
+        )
+
+
+def _near_a_line(time_s: NDArray[np.float64], above_ns: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which of n points lie near a line of median slope and median level (n,)."""
+    i, j = np.triu_indices(len(time_s), 1)
+    apart = time_s[j] - time_s[i]
+    rising = apart > 0.0
+    slope = float(np.median((above_ns[j] - above_ns[i])[rising] / apart[rising]))
+    left = above_ns - slope * time_s
+    left = left - np.median(left)
+    usual = DEVIATION * float(np.median(np.abs(left)))
+    return np.asarray(np.abs(left) <= FAR * usual + 1.0)
+
+
+def _student(freedoms: int) -> float:
+    """How much wider than normal the 95 % interval of Student's t is (Cornish-Fisher, two terms)."""
+    z = CONFIDENCE
+    first = (z**2 + 1.0) / 4.0
+    second = (5.0 * z**4 + 16.0 * z**2 + 3.0) / 96.0
+    return 1.0 + first / freedoms + second / freedoms**2
