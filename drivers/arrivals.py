@@ -42,6 +42,8 @@ class Arrivals:
         clock_bits: width of its clock, None where it has none.
         tick_ns: one tick of its clock [ns].
         period_ns: time between two samples, None where it is not known.
+        counter_only_rises: the counter may run so fast that a step of more than half a turn is
+            no sign of a restart.
     """
 
     def __init__(
@@ -50,9 +52,11 @@ class Arrivals:
         clock_bits: int | None = None,
         tick_ns: int = 1,
         period_ns: int | None = None,
+        *,
+        counter_only_rises: bool = False,
     ) -> None:
         self._counter = None if counter_bits is None else WrappingCounter(counter_bits)
-        self._counter_tells = counter_bits is not None and counter_bits >= FEWEST_BITS
+        self._counter_tells = (counter_bits or 0) >= FEWEST_BITS and not counter_only_rises
         self._modulus = 1 << (counter_bits or 0)
         self._clock = None if clock_bits is None else WrappingCounter(clock_bits)
         self._tick_ns = tick_ns
@@ -70,7 +74,9 @@ class Arrivals:
         if step is not None and step < 0:
             if self._clock is None and self._counter_tells:
                 restarted = True
-            step %= self._modulus
+            elif self._counter is not None:
+                step += self._modulus
+                self._counter.value = (self._counter.value or 0) + self._modulus
         if restarted:
             self._restart(counter, ticks)
             step = None

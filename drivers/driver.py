@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from drivers.link import Clock, Link
 from recordings.rig import CanPort, Channel, SerialPort, TcpPort
@@ -21,7 +21,6 @@ from recordings.rig.quantity import Described
 
 Options = TypeVar("Options", bound=Described)
 Device = TypeVar("Device")
-Port = TypeVar("Port", bound=CanPort | SerialPort | TcpPort)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +47,7 @@ class DeviceSpec(Generic[Options]):
 
 
 @dataclass(frozen=True, slots=True)
-class Driver(Generic[Options, Device, Port]):
+class Driver(Generic[Options, Device]):
     """A driver.
 
     Attributes:
@@ -59,6 +58,6 @@ class Driver(Generic[Options, Device, Port]):
     """
 
     options: type[Options]
-    ports: tuple[type[Port], ...]
+    ports: tuple[type[CanPort | SerialPort | TcpPort], ...]
     make: Callable[[DeviceSpec[Options]], Device]
-    link: Callable[[Port, Sequence[Device], Clock], Link]
+    link: Callable[[Any, Sequence[Device], Clock], Link]

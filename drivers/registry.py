@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import ValidationError
 
@@ -40,7 +40,7 @@ def driver_names() -> tuple[str, ...]:
     return tuple(sorted({*BUILT_IN, *entry_points(group=GROUP).names}))
 
 
-def find_driver(name: str) -> Driver[Any, Any, Any]:
+def find_driver(name: str) -> Driver[Any, Any]:
     """The driver called ``name``; raises OptionError."""
     if name in BUILT_IN:
         return _driver_in(BUILT_IN[name])
@@ -62,8 +62,8 @@ def find_driver(name: str) -> Driver[Any, Any, Any]:
     return driver
 
 
-def _driver_in(module: str) -> Driver[Any, Any, Any]:
-    driver: Driver[Any, Any, Any] = import_module(module).DRIVER
+def _driver_in(module: str) -> Driver[Any, Any]:
+    driver: Driver[Any, Any] = import_module(module).DRIVER
     return driver
 
 
@@ -108,7 +108,7 @@ def _link(rig: Rig, port: Port, devices: list[Device], clock: Clock) -> Link:
     drivers = [find_driver(device.driver) for device in devices]
     for device, driver in zip(devices, drivers, strict=True):
         if not isinstance(port, driver.ports):
-            kinds = (kind.model_fields["kind"].annotation.__args__[0] for kind in driver.ports)
+            kinds = (get_args(kind.model_fields["kind"].annotation)[0] for kind in driver.ports)
             raise OptionError(
                 f"device '{device.name}' has the driver '{device.driver}', which needs a port "
                 f"of kind {' or '.join(map(repr, kinds))}, "
@@ -129,7 +129,7 @@ def _link(rig: Rig, port: Port, devices: list[Device], clock: Clock) -> Link:
     return WatchedLink(link, delivered, clock)
 
 
-def _spec(rig: Rig, device: Device, driver: Driver[Any, Any, Any]) -> DeviceSpec[Any]:
+def _spec(rig: Rig, device: Device, driver: Driver[Any, Any]) -> DeviceSpec[Any]:
     try:
         options = driver.options.model_validate(device.options)
     except ValidationError as error:

@@ -15,7 +15,8 @@ import serial  # type: ignore[import-untyped]
 
 from drivers.errors import DeviceRefused, DeviceSilent, LinkBroken, LinkClosed, Malformed
 from drivers.link import Clock
-from drivers.modbus.rtu import Identify, Read, Reply, Verdict, complete_but_damaged, replies
+from drivers.modbus.pdu import Identify, Read, Reply, Verdict
+from drivers.modbus.rtu import AROUND, complete_but_damaged, encode, replies
 from drivers.ports import open_error
 from recordings.rig import SerialPort
 
@@ -63,8 +64,42 @@ def connect(port: SerialPort) -> Stream:
     return stream
 
 
+class Line(Protocol):
+    """What carries requests to devices and their replies back; it can be opened again.
+
+    Attributes:
+        late: replies that came after their request had been given up, since the line was made.
+        ties_replies: whether a reply proves which request it belongs to.
+    """
+
+    late: int
+
+    @property
+    def ties_replies(self) -> bool: ...
+
+    def open(self) -> None:
+        """Open the port; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
+        ...
+
+    def close(self) -> None:
+        """Let the port go; harmless when it is not open."""
+        ...
+
+    def ask(self, request: Read | Identify, timeout_s: float) -> Answer:
+        """Send ``request`` and return the reply that belongs to it.
+
+        Raises:
+            DeviceSilent: no reply in time.
+            DeviceRefused: an exception reply.
+            Malformed: a damaged reply.
+            LinkBroken: the port is gone.
+            LinkClosed: the port is not open.
+        """
+        ...
+
+
 class RtuLine:
-    """A line that can be opened again.
+    """A serial line that can be opened again. See `Line`.
 
     Args:
         port: what to open.
@@ -74,6 +109,8 @@ class RtuLine:
     Attributes:
         late: replies that came after their request had been given up, since the line was made.
     """
+
+    ties_replies = False
 
     def __init__(
         self, port: SerialPort, clock: Clock, connect: Callable[[SerialPort], Stream] = connect
@@ -126,11 +163,11 @@ class RtuLine:
             ) from error
 
     def _ask(self, stream: Stream, request: Read | Identify, timeout_s: float) -> Answer:
-        frame = request.encode()
+        frame = encode(request)
         self._drop_waiting(stream, request)
         stream.write(frame)
         # The request may still be in the port's buffer, and the reply takes its time too.
-        on_the_line_s = (len(frame) + request.longest_reply) * self._character_s
+        on_the_line_s = (len(frame) + AROUND + request.longest_reply) * self._character_s
         deadline = time.monotonic() + on_the_line_s + timeout_s
         came = b""
         seen = 0

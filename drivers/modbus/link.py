@@ -1,4 +1,4 @@
-"""The link of a Modbus RTU line: polls its devices on a schedule, supervises the port.
+"""The link of a Modbus line, serial or TCP: polls its devices on a schedule, supervises the port.
 
 Each instant of the schedule polls every device once, in the order of the rig. A device that
 does not answer costs the others the time of its timeout; instants that pass meanwhile are
@@ -13,7 +13,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 from drivers.errors import (
     DeviceRefused,
@@ -26,13 +26,14 @@ from drivers.errors import (
 )
 from drivers.faults import FaultKind, FaultThrottle
 from drivers.link import Clock, DeviceStatus, JointDrive, Losses
-from drivers.modbus.line import RtuLine, Stream, connect
+from drivers.modbus.line import Line, RtuLine
+from drivers.modbus.tcp_line import TcpLine
 from drivers.outage import LONGEST_WAIT_S, Outage
-from drivers.schedule import SECOND, Schedule
 from drivers.round_trips import RoundTrips
+from drivers.schedule import SECOND, Schedule
 from drivers.tally import Tally
-from recordings.events import Event, Fault, Reading
-from recordings.rig import SerialPort
+from recordings.events import Event, Fault
+from recordings.rig import SerialPort, TcpPort
 
 
 class PolledDevice(Protocol):
@@ -50,39 +51,42 @@ class PolledDevice(Protocol):
     unit_id: int
     tallies: Mapping[str, Tally]
 
-    def identify(self, line: RtuLine) -> str:
+    def identify(self, line: Line) -> str:
         """Ask it who it is, "" where it cannot say; raises DriverError where it does not answer."""
         ...
 
-    def poll(self, line: RtuLine) -> Sequence[Reading]:
-        """Ask for one reading of each channel; raises DriverError, then there are none."""
+    def poll(self, line: Line) -> Sequence[Event]:
+        """Ask for one reading of each channel, and count it; raises DriverError, then there are none."""
         ...
 
+
+LARGEST_SERIAL_UNIT = 247
 
 VIRTUAL_PREFIX = "loopcal virtual"
 """How the identification of a simulated device begins."""
 
 
 class ModbusLink:
-    """All Modbus devices of one serial port. See `drivers.link.Link`.
+    """All Modbus devices of one port. See `drivers.link.Link`.
 
     Raises:
-        OptionError: two devices have one unit id; their replies could not be told apart.
+        OptionError: two devices have one unit id, whose replies could not be told apart; or it
+            is none for this kind of port.
     """
 
     def __init__(
         self,
-        port: SerialPort,
+        port: SerialPort | TcpPort,
         devices: Sequence[PolledDevice],
         clock: Clock,
-        connect: Callable[[SerialPort], Stream] = connect,
+        connect: Callable[[Any], Any] | None = None,
     ) -> None:
         self.name = port.name
         self.joints: Mapping[str, JointDrive] = {}
-        _refuse_shared_units(port, devices)
+        _check_units(port, devices)
         self._devices = tuple(devices)
         self._clock = clock
-        self._line = RtuLine(port, clock, connect)
+        self._line = _line(port, clock, connect)
         self._tallies = {name: tally for d in devices for name, tally in d.tallies.items()}
         self._turn = threading.Lock()
         self._closing = threading.Event()
@@ -91,11 +95,11 @@ class ModbusLink:
         self._pending: deque[Event] = deque()
         self._throttle = FaultThrottle()
         self._failing: set[str] = set()
+        self._round_trips = {device.name: RoundTrips(device.name) for device in devices}
         self._schedule: Schedule | None = None
         self._late = 0
 
     def open(self) -> None:
-        self._round_trips = {device.name: RoundTrips(device.name) for device in devices}
         """Open the port; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
         with self._turn:
             self._line.open()
@@ -169,28 +173,26 @@ class ModbusLink:
                 return
 
     def _poll(self, device: PolledDevice) -> None:
+        asked_ns = self._clock.now_ns()
         try:
             readings = device.poll(self._line)
         except (DeviceSilent, DeviceRefused) as error:
             kind = FaultKind.SILENT if isinstance(error, DeviceSilent) else FaultKind.REFUSED
-        asked_ns = self._clock.now_ns()
             if device.name not in self._failing:
                 self._failing.add(device.name)
                 self._fault(device.name, kind, f"{device.name}: {error}")
         except Malformed as error:
             self._fault(device.name, FaultKind.MALFORMED, f"{device.name}: {error}")
         else:
-            for reading in readings:
-                device.tallies[reading.channel].receive()
             if device.name in self._failing:
                 self._failing.discard(device.name)
                 self._fault(device.name, FaultKind.ANSWERING, f"{device.name} answers again")
             self._pending.extend(readings)
-        for tally in device.tallies.values():
-            tally.give_up()
             for reading in readings[:1]:
                 trips = self._round_trips[device.name]
                 self._pending.extend(trips.answered(asked_ns, reading.time_ns))
+        for tally in device.tallies.values():
+            tally.give_up()
         if self._line.late > self._late:
             text = f"{device.name}: a reply came after its request was given up; it was discarded"
             self._fault(device.name, FaultKind.LATE, text)
@@ -231,9 +233,24 @@ def _ask(tally: Tally, instants: int, *, failing: bool) -> None:
     tally.ask(instants)
 
 
-def _refuse_shared_units(port: SerialPort, devices: Sequence[PolledDevice]) -> None:
+def _line(port: SerialPort | TcpPort, clock: Clock, connect: Callable[[Any], Any] | None) -> Line:
+    """The line of a port; ``connect`` opens it in place of the line's own way."""
+    given = {} if connect is None else {"connect": connect}
+    return (
+        TcpLine(port, clock, **given)
+        if isinstance(port, TcpPort)
+        else RtuLine(port, clock, **given)
+    )
+
+
+def _check_units(port: SerialPort | TcpPort, devices: Sequence[PolledDevice]) -> None:
     units: dict[int, str] = {}
     for device in devices:
+        if isinstance(port, SerialPort) and not 1 <= device.unit_id <= LARGEST_SERIAL_UNIT:
+            raise OptionError(
+                f"device '{device.name}': 'unit_id' is {device.unit_id}, expected 1 to "
+                f"{LARGEST_SERIAL_UNIT} on a serial line"
+            )
         if device.unit_id in units:
             raise OptionError(
                 f"'{units[device.unit_id]}' and '{device.name}' on port '{port.name}' both have "

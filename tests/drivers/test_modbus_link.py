@@ -142,7 +142,7 @@ def run(clock):
             for event in link.pump(0.0):
                 if isinstance(event, Fault):
                     faults.append(event)
-                elif event.channel == name:
+                elif isinstance(event, Reading) and event.channel == name:
                     readings.append(event)
             clock.advance(STEP_S)
         return readings, faults

@@ -137,14 +137,28 @@ def test_wrong_encoder_options(clock, options, words):
         ),
         (
             "{ unit_id = 1, channels = 2, first_register = 1, counter_register = 2 }",
-            ["'counter_register' is 2", "signal 1", "registers 1 to 2"],
+            ["register 2 is both signal 1 and 'counter_register'"],
         ),
         (
             "{ unit_id = 1, channels = 2, first_register = 1, counter_register = 900 }",
-            ["span 900 registers"],
+            ["registers 1 to 900 span 900"],
         ),
         ("{ unit_id = 1, channels = 2, first_register = 65535 }", ["register 65536"]),
         ("{ unit_id = 1, channels = 2, first_register = 1, timeout = 1.0 }", ["timeout_s"]),
+        (
+            "{ unit_id = 1, channels = 1, first_register = 1, order = 'BACD' }",
+            ["'order' is 'BACD'"],
+        ),
+        ("{ unit_id = 1, channels = 1, first_register = 1, type = 'float32' }", ["'resolution'"]),
+        (
+            "{ unit_id = 1, first_register = 1, signals = { x = { address = 3 } } }",
+            ["remove first_register"],
+        ),
+        (
+            "{ unit_id = 1, signals = { x = { address = 3, type = 'int32' }, y = { address = 4 } } }",
+            ["register 4 is both signal x and signal y"],
+        ),
+        ("{ unit_id = 1, signals = { x = { adress = 3 } } }", ["unknown key 'adress'"]),
         (
             "{ unit_id = 1, channels = 2, first_register = 1, timeout_s = 0 }",
             ["'timeout_s' is 0.0"],

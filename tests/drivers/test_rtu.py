@@ -6,7 +6,8 @@ import pytest
 from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU
 
-from drivers.modbus.rtu import Identify, Read, Verdict, complete_but_damaged, replies
+from drivers.modbus.pdu import Identify, Read, Verdict
+from drivers.modbus.rtu import complete_but_damaged, encode, replies
 
 # Published worked examples (simplymodbus.ca, functions 03 and 04): unit 17.
 HOLDING = Read(17, 3, 0x006B, 3)
@@ -26,13 +27,13 @@ def frame(*body: int) -> bytes:
 
 
 def test_requests():
-    assert HOLDING.encode() == HOLDING_FRAME
-    assert INPUT.encode() == INPUT_FRAME
-    assert Identify(1).encode() == bytes.fromhex("01 2B 0E 01 00 70 77")
+    assert encode(HOLDING) == HOLDING_FRAME
+    assert encode(INPUT) == INPUT_FRAME
+    assert encode(Identify(1)) == bytes.fromhex("01 2B 0E 01 00 70 77")
 
 
 def test_a_third_party_server_understands_the_requests():
-    used, pdu = FramerRTU(DecodePDU(True)).handleFrame(HOLDING.encode(), 17, 0)
+    used, pdu = FramerRTU(DecodePDU(True)).handleFrame(encode(HOLDING), 17, 0)
     assert (used, pdu.function_code, pdu.address, pdu.count) == (8, 3, 0x6B, 3)
 
 
