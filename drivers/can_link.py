@@ -20,6 +20,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
+from drivers.babble import BabbleWatch
 from drivers.can_bus import Bus, CanBus, Frame, connect
 from drivers.can_device import CanDevice, CanParticipant, CanService
 from drivers.errors import DriverError, LinkBroken, LinkClosed, Malformed, OptionError
@@ -34,6 +35,12 @@ MOST_FRAMES = 256
 """Most frames taken in one turn, so that what is due gets sent on a flooded bus."""
 
 LAST_ANSWERS_S = 0.1
+
+BITS_PER_FRAME = 125
+"""Of a frame of 8 bytes, stuffing and the space between frames included."""
+
+BABBLE = 0.5
+"""Share of the bus that frames which nobody wants may take before they are called babble."""
 
 
 class CanLink:
@@ -76,6 +83,7 @@ class CanLink:
         self._outage = Outage(port.name, self._bus, self._tallies.values(), clock, self._closing)
         self._unready: dict[CanDevice, Backoff | None] = {}
         self._not_set_up: set[CanDevice] = set()
+        self._babble = BabbleWatch(BABBLE * port.bitrate / BITS_PER_FRAME)
         self._counted: Counter[FaultKind] = Counter()
         for service in self._services:
             service.attach(self)
@@ -215,6 +223,7 @@ class CanLink:
             self._serve_outage(now_ns, timeout_s)
             return
         try:
+            self._report_babble(now_ns)
             self._send_due(now_ns)
             wait_s = self._wait_s(timeout_s)
             for _ in range(MOST_FRAMES):
@@ -260,7 +269,11 @@ class CanLink:
         return max(wait_s, 0.0)
 
     def _take(self, frame: Frame) -> None:
-        for taker in self._takers.get(frame.identifier, ()):
+        takers = self._takers.get(frame.identifier)
+        if takers is None:
+            self._babble.hear(1)
+            return
+        for taker in takers:
             try:
                 self._pending.extend(taker.receive(frame))
             except Malformed as error:
@@ -274,6 +287,18 @@ class CanLink:
             for _ in range(count - self._counted[kind]):
                 self.fault(self._clock.now_ns(), self.name, kind, text)
             self._counted[kind] = count
+
+    def _report_babble(self, now_ns: int) -> None:
+        if not self._babble.changes(now_ns):
+            return
+        kind, text = FaultKind.QUIET, "the bus is quiet again"
+        if self._babble.babbling:
+            kind = FaultKind.BABBLE
+            text = (
+                f"{self._babble.rate_hz:.0f} frames a second that no device of the rig sends, above "
+                f"{self._babble.limit_hz:.0f}: a device babbles, or the bus is shared with too much else"
+            )
+        self._pending.append(Fault(now_ns, self.name, kind, text))
 
     def _set_up_again(self) -> None:
         """Set up devices that an interruption left unready; those that fail are tried again later."""

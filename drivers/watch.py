@@ -134,6 +134,9 @@ class WatchedLink:
     def _note(self, fault: Fault) -> None:
         if fault.kind in ENDED_BY:
             self._open.add((fault.source, fault.kind))
+            for watch in self._watches.values():
+                if fault.source in (watch.device, self.name):
+                    watch.excuse()
         else:
             ended = [
                 key
@@ -170,6 +173,7 @@ class _ChannelWatch:
         self._lost_ns = 0
         self._sequence: int | None = None
         self._went_back: tuple[int, int, int] | None = None
+        self._excused = False
 
     def begin(self, now_ns: int, silent_ns: int) -> None:
         """Sampling begins."""
@@ -190,6 +194,10 @@ class _ChannelWatch:
 
     def look(self, lost: int, now_ns: int, explained: bool) -> list[Fault]:
         """Look at how much is lost by now, and whether anything comes."""
+        if self._excused and not explained:
+            # What was lost in the end of an outage belongs to it; from now on it counts anew.
+            self._excused = False
+            self._heard_ns, self._lost = now_ns, lost
         found = self._look_at_losses(lost, now_ns, explained)
         if self._heard_ns is None or self._silent or explained:
             return found
@@ -198,6 +206,10 @@ class _ChannelWatch:
             text = f"has delivered nothing for {self._silent_ns / SECOND:g} s"
             found.append(self._fault(now_ns, FaultKind.SILENT, text))
         return found
+
+    def excuse(self) -> None:
+        """Its port or device has a fault that explains what is missing."""
+        self._excused = True
 
     def forget_counter(self) -> None:
         """The device has restarted, and it has been said."""

@@ -11,6 +11,8 @@ Wire contract (node id n, little-endian; all commands by SDO):
     0x6071  i16  target torque [per mille of rated torque]
     0x603F  u16  error code, read when the drive is in fault
     0x1016:1 u32 heartbeat consumer: master_id << 16 | time [ms]
+    0x1017  u16  heartbeat producer [ms]: set to 200; a drive that refuses is not watched
+    heartbeat 0x700 + n  missing for 1 s: the drive is silent; too many: there are two of them
     TPDO1 0x180 + n  bytes 0-1 status word, byte 2 mode display if present; on SYNC or event
 
 FREE is profile torque with target torque 0. A drive is switched on only after its heartbeat
@@ -35,6 +37,7 @@ from drivers.can_bus import Frame
 from drivers.can_device import Identity
 from drivers.can_link import CanLink
 from drivers.canopen import cia402
+from drivers.canopen.beat import BEAT_MS, SILENT_NS, BeatWatch
 from drivers.canopen.cia402 import DriveState, Operation, State, decode, mode_of, state_of
 from drivers.canopen.device import Wire
 from drivers.canopen.identity import identify
@@ -45,7 +48,8 @@ from drivers.errors import BadCommand, DeviceRefused, OptionError
 from drivers.link import JointDrive, Losses
 from drivers.schedule import SECOND
 from drivers.tally import Tally
-from recordings.events import Event, Mode, ModeReport
+from recordings.events import Event, Fault, Mode, ModeReport
+from recordings.faults import FaultKind
 from recordings.rig import CanPort
 from recordings.rig.quantity import Described, fail
 
@@ -101,7 +105,7 @@ class CanopenJoint:
         self.node_id = spec.options.node_id
         self._master_id = spec.options.master_id
         self.master_id: int | None = self._master_id
-        self.identifiers = (0x180 + self.node_id,)
+        self.identifiers = (0x180 + self.node_id, HEARTBEAT + self.node_id)
         self.channels: tuple[str, ...] = ()
         self.tallies = {}
         self.drive: JointDrive | None = self
@@ -113,6 +117,7 @@ class CanopenJoint:
         self._error_code = 0
         self._latest: DriveState | None = None
         self._reported: ModeReport | None = None
+        self._beats = BeatWatch()
 
     def attach(self, wire: Wire) -> None:
         """Belong to a bus."""
@@ -129,6 +134,7 @@ class CanopenJoint:
             # What interrupted it may have cost it its power, and its settings with that.
             self._guarded = False
             self._guard()
+            self._ask_for_beats()
         self._wire.send(NMT, bytes([NMT_START, self.node_id]))
 
     def set_mode(self, mode: Mode) -> None:
@@ -189,7 +195,9 @@ class CanopenJoint:
         return self._report_of(shown)
 
     def receive(self, frame: Frame) -> Sequence[Event]:
-        """Take a status PDO; a report when something has changed. Raises Malformed."""
+        """Take a status PDO or a beat; a report when something has changed. Raises Malformed."""
+        if frame.identifier == HEARTBEAT + self.node_id:
+            return self._hear(frame)
         status, display = decode(frame.data)
         state_of(status)
         if display is None:
@@ -199,8 +207,23 @@ class CanopenJoint:
         return self._changes(self._latest)
 
     def serve(self, now_ns: int) -> Sequence[Event]:
-        """Whatever is sent to it is a command or the master's heartbeat."""
-        return ()
+        """Whatever is sent to it is a command or the master's heartbeat; its own may be missing."""
+        events = []
+        if self._beats.falls_silent(now_ns):
+            text = (
+                f"{self.name} (node {self.node_id}) has not been heard for {SILENT_NS / SECOND:g} s"
+            )
+            events.append(Fault(now_ns, self.name, FaultKind.SILENT, text))
+        if self._beats.doubles(now_ns):
+            kind = FaultKind.DUPLICATED if self._beats.doubled else FaultKind.SINGLE
+            text = (
+                f"two devices answer as node {self.node_id}, which is {self.name}: switch off the "
+                f"drives, and give one of them another node id"
+                if self._beats.doubled
+                else f"only one device answers as node {self.node_id} again"
+            )
+            events.append(Fault(now_ns, self.name, kind, text))
+        return events
 
     def due_ns(self) -> int | None:
         """See `serve`."""
@@ -211,6 +234,7 @@ class CanopenJoint:
 
     def interrupt(self) -> None:
         """The port has gone away; `start` sets it up anew."""
+        self._beats.end()
 
     def losses(self, now_ns: int) -> Mapping[str, Losses]:
         """It delivers no channel."""
@@ -250,6 +274,21 @@ class CanopenJoint:
         mode = mode_of(state, shown.display, self._torque)
         error_code = self._error_code if mode is Mode.FAULT else 0
         return ModeReport(self.joint, shown.time_ns, mode, shown.status, error_code)
+
+    def _hear(self, frame: Frame) -> Sequence[Event]:
+        booted = frame.data[:1] == b"\0"
+        if booted or not self._beats.hear(frame.time_ns):
+            return ()
+        text = f"{self.name} (node {self.node_id}) is heard again"
+        return (Fault(frame.time_ns, self.name, FaultKind.ANSWERING, text),)
+
+    def _ask_for_beats(self) -> None:
+        try:
+            self._sdo.write(0x1017, 0, BEAT_MS, size=2)
+        except DeviceRefused:
+            # Not every drive has a heartbeat; it is then missed when it does not obey.
+            return
+        self._beats.begin(self._wire.now_ns())
 
     def _guard(self) -> None:
         if self._guarded or not self._heartbeat_ms:
