@@ -43,6 +43,8 @@ MAGIC = b"\x89MCAP0\r\n"
 CHUNK_BYTES = 64 * 1024
 """Uncompressed size at which a chunk is closed: small, because a crash takes the open one."""
 
+_INDEX_BYTES = 128  # of one record in the summary, at most, beside what varies
+
 _MESSAGE = struct.Struct("<BQHIQQ")
 _INDEX_ENTRY = struct.Struct("<QQ")
 _INDEX_ROW = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
@@ -60,6 +62,7 @@ class Container:
     def __init__(self, sink: Sink, profile: str, library: str) -> None:
         self._sink = sink
         self._position = 0
+        self._definition_bytes = 0
         self._crc = 0
         self._compressor = zstandard.ZstdCompressor()
         self._schemas: dict[int, Schema] = {}
@@ -104,11 +107,13 @@ class Container:
     def define_schema(self, schema: Schema) -> None:
         """Take a schema, whose id is new here."""
         self._schemas[schema.id] = schema
+        self._definition_bytes += len(_bytes(schema))
         self._new_schemas.append(schema)
 
     def define_channel(self, channel: Channel, sequence: int = 0) -> None:
         """Take a channel, whose id is new here; ``sequence`` is that of its first message."""
         self._channels[channel.id] = channel
+        self._definition_bytes += len(_bytes(channel))
         self._sequences[channel.id] = sequence
 
     def register_schema(self, name: str, data: bytes) -> int:
@@ -138,6 +143,14 @@ class Container:
     def channel_ids(self) -> list[int]:
         """Ids of all channels that are known here."""
         return list(self._channels)
+
+    @property
+    def ending_bytes(self) -> int:
+        """Bytes that `finish` writes behind the last chunk, at most."""
+        indexes = len(self._chunk_indexes) * (_INDEX_BYTES + 10 * len(self._channels))
+        others = len(self._attachments) + len(self._metadata)
+        statistics = _INDEX_BYTES + 10 * len(self._channels)
+        return self._definition_bytes + indexes + statistics + (others + 4) * _INDEX_BYTES
 
     def sequence(self, channel_id: int) -> int:
         """The MCAP sequence of a channel's next message."""

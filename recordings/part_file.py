@@ -19,6 +19,9 @@ from recordings.storage import RecordingFile, Sync, disk_error
 PROFILE = "loopcal"
 RIG_ATTACHMENT = "rig.toml"
 
+_LAST_BYTES = 64 * 1024
+"""Room for a last ledger and a word on why the file ends, with some to spare."""
+
 
 class PartFile:
     """A file with its container. One thread at a time.
@@ -50,12 +53,7 @@ class PartFile:
         except OSError as error:
             self.discard()
             raise RecordingError(f"cannot create '{path}': {disk_error(error)}") from error
-        self._empty_size = self.container.size
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether no chunk was written to it yet."""
-        return self.container.size == self._empty_size
+        self._file.hold_back = self._held_back
 
     def room(self) -> int:
         """Bytes by which the file can still grow."""
@@ -75,10 +73,15 @@ class PartFile:
         """
         self.container.end_chunk()
         self._copy()
+        self._file.hold_back = int
         if next_file:
             self.container.add_metadata(NEXT_METADATA, ending(self.part.number + 1, next_file))
         self.container.finish()
         self._file.close()
+
+    def end_early(self) -> None:
+        """The disk failed: what was held back for the end of the file may be used."""
+        self._file.hold_back = int
 
     def leave(self) -> None:
         """Close it as it is, because the disk failed."""
@@ -88,6 +91,9 @@ class PartFile:
     def discard(self) -> None:
         """Take away a file that nothing was recorded to."""
         self._file.discard()
+
+    def _held_back(self) -> int:
+        return self.container.ending_bytes + _LAST_BYTES
 
     def _describe(self) -> None:
         start_ns = self._session.start_ns

@@ -12,6 +12,7 @@ import errno
 import os
 import shutil
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -70,6 +71,9 @@ class RecordingFile:
         path: the file to create.
         sync: when it is forced to the disk.
 
+    Attributes:
+        hold_back: how many bytes of the disk every write must leave free.
+
     Raises:
         RecordingError: the file exists already, or cannot be created.
     """
@@ -77,6 +81,7 @@ class RecordingFile:
     def __init__(self, path: Path, sync: Sync) -> None:
         self.path = path
         self._sync = sync
+        self.hold_back: Callable[[], int] = int  # nothing
         self._size = 0
         self._broken = False
         try:
@@ -93,10 +98,16 @@ class RecordingFile:
         """Append all of ``data``, or nothing.
 
         Raises:
-            OSError: the disk failed or is full; the file is as it was before.
+            OSError: the disk failed, or has no room for it and for what is held back; the file
+                is as it was before.
         """
         if self._broken:
             raise OSError(errno.EIO, "an earlier write failed half-way", str(self.path))
+        held_back = self.hold_back()
+        if held_back and self.room() < len(data) + held_back:
+            limited = largest_file() - self._size == self.room()
+            code = errno.EFBIG if limited else errno.ENOSPC
+            raise OSError(code, "the rest is held back for the end of the file", str(self.path))
         left = memoryview(data)
         try:
             while left:
@@ -150,17 +161,21 @@ class RecordingFile:
                 os.close(opened)
 
     def room(self) -> int:
-        """Bytes by which the file can still grow: free space, or the limit on a file's size."""
-        return room_in(self.path.absolute().parent, self._size)
+        """Bytes by which the file can still grow."""
+        return min(room_in(self.path.absolute().parent), largest_file() - self._size)
 
 
-def room_in(folder: Path, size: int = 0) -> int:
-    """Bytes by which a file of ``size`` bytes in ``folder`` can still grow."""
-    free = shutil.disk_usage(folder).free
+def room_in(folder: Path) -> int:
+    """Bytes free on the disk of ``folder``."""
+    return shutil.disk_usage(folder).free
+
+
+def largest_file() -> int:
+    """Bytes that this process may write to one file."""
     if sys.platform == "win32":
-        return free
+        return sys.maxsize
     limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
-    return free if limit == resource.RLIM_INFINITY else min(free, limit - size)
+    return sys.maxsize if limit == resource.RLIM_INFINITY else limit
 
 
 def disk_error(error: OSError) -> str:

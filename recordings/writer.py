@@ -69,6 +69,7 @@ class Writer:
         if self._storage.rotate_bytes is not None or self._storage.rotate_s is not None:
             _refuse_old_parts(self._first_path)
         self._file = self._open(FIRST_PART)
+        self._begun_bytes = self._file.container.size
         self._topics = Topics(self._file.container)
 
     @property
@@ -268,9 +269,10 @@ class Writer:
     def _turn_if_due(self) -> None:
         """Go on in the next part where this one is large or long enough."""
         size, seconds = self._storage.rotate_bytes, self._storage.rotate_s
+        grown = self._file.container.size > self._begun_bytes
         due = size is not None and self._file.container.size >= size
         due |= seconds is not None and self._time_ns - self._part_start_ns >= seconds * _SECOND
-        if not due or self._file.is_empty:
+        if not due or not grown:
             return
         old = self._file
         part = Part(
@@ -303,6 +305,7 @@ class Writer:
             new.flush()
         except OSError as error:
             raise self._failed(error) from error
+        self._begun_bytes = new.container.size
 
     def _check_channel(self, name: str) -> None:
         if name not in self._channel_names:
@@ -322,6 +325,7 @@ class Writer:
             not_taken: messages of each MCAP channel that were handed over and not even tried.
         """
         self._closed = True
+        self._file.end_early()
         lost = Counter(self._file.container.abandon_chunk())
         lost.update(not_taken or {})
         names = self._topics.readings()
