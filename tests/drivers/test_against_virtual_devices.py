@@ -154,6 +154,7 @@ def test_a_drive_that_misses_its_master_falls_into_fault_and_can_be_acknowledged
     can.open()
     report = drive.report()
     assert (report.mode, report.error_code) == (Mode.FAULT, 0x8130)
+    drive.vouch(time.monotonic_ns() + 60_000_000_000)
     with pumped(can):
         wait_until(lambda: acknowledged(drive))
 
