@@ -27,7 +27,7 @@ from sim_devices.plant.nature import Nature
 from sim_devices.plant.session import Played, plan_of, play
 from sim_devices.plant.stop import Stop
 from sim_devices.simulate import EPOCH_NS, simulate
-from solver.estimate.nuisance import settle
+from solver.estimate.nuisance import Observations, settle
 from solver.gap.analysis import first_fit
 from solver.gap.candidates import candidates
 from solver.gap.fit import Fit, refit
@@ -38,6 +38,8 @@ from solver.samples import PoseTable, average
 Array = NDArray[np.float64]
 
 _DRAWS = 8
+_ROUNDS = 10  # fits, each from where the last one ended
+_AT_REST = 0.999  # of the last misfit: no less is left to be gained
 _WATCHED_S = 0.1  # after the start: the mechanism stands until its first move
 
 
@@ -82,12 +84,23 @@ def _refitted(fit: Fit, changed: Array) -> Trace:
         observed = replace(fit.observed, counts=predicted + changed[:, :, draw])
         start = fit.settled.coordinates
         settled = settle(fit.model, observed, start, fit.parameters, fit.space.expansion[:, :0])
-        again = refit(fit.model.site, fit.effects, observed, fit.parameters, settled.coordinates)
-        if again is None:
-            raise BadEffect("the mechanism does not close with the effect")
+        again = _rested(fit, observed, settled.coordinates)
         full.append(settled.residual.ravel())
         left.append(again.residual.ravel())
     return Trace(fit, np.stack(full, axis=1), np.stack(left, axis=1))
+
+
+def _rested(fit: Fit, observed: Observations, coordinates: Array) -> Fit:
+    """The plain model fitted to ``observed``, until it comes to rest: effects may have moved it far."""
+    parameters, left = fit.parameters, np.inf
+    for _ in range(_ROUNDS):
+        again = refit(fit.model.site, fit.effects, observed, parameters, coordinates)
+        if again is None:
+            raise BadEffect("the mechanism does not close with the effect")
+        if again.rss > _AT_REST * left:
+            return again
+        parameters, coordinates, left = again.parameters, again.settled.coordinates, again.rss
+    raise BadEffect("the plain model does not come to rest beside the effect")
 
 
 def _squared(each: Array) -> float:

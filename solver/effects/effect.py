@@ -196,6 +196,10 @@ class Effect(ABC):
         """The forms to try; one, unless it is `scanned`."""
         return (cls(site, where),)
 
+    def closer(self, recorded: Recorded) -> tuple[Self, ...]:
+        """Forms much like this one, where `variants` tries but some of many; none by default."""
+        return ()
+
     @classmethod
     @abstractmethod
     def read(cls, site: Site, described: DescribedEffect) -> Self:

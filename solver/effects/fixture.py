@@ -14,7 +14,7 @@ import numpy as np
 from recordings.rig import DescribedEffect, PlatformMechanism, Quantity
 from solver.effects.effect import Array, Coefficient, Effect, Recorded, Shift, Site
 from solver.effects.joint_compliance import unloaded
-from solver.effects.moments import moments, no_moment
+from solver.effects.moments import between, looked_at, no_moment
 from solver.mechanism.circumstances import Circumstances
 
 _WHERE = "fixture"
@@ -85,7 +85,12 @@ class FixtureSlip(FixtureEffect):
 
     @classmethod
     def variants(cls, site: Site, where: str, recorded: Recorded) -> tuple[Self, ...]:
-        return tuple(cls(site, where, moment) for moment in moments(recorded.at))
+        return tuple(cls(site, where, moment) for moment in looked_at(recorded.at))
+
+    def closer(self, recorded: Recorded) -> tuple[Self, ...]:
+        return tuple(
+            type(self)(self.site, self.where, moment) for moment in between(self._at_s, recorded.at)
+        )
 
     @classmethod
     def read(cls, site: Site, described: DescribedEffect) -> Self:

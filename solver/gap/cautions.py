@@ -1,6 +1,6 @@
-"""What speaks against an answer that a gap analysis gives: single poses, and parameters that went far.
+"""What speaks against an answer that a gap analysis gives: single poses, parameters that went far, poses held out.
 
-Neither is an effect, and neither is seen by a test over all poses.
+None of them is an effect, and none is seen by a test over all poses.
 """
 
 from __future__ import annotations
@@ -10,22 +10,37 @@ import numpy as np
 from solver.estimate.identifiability import plausible_error
 from solver.gap.channels import Disagreement
 from solver.gap.fit import Fit
+from solver.gap.held_out import HeldOut
 from solver.samples import PoseTable
 
 _OUTLYING = 6.0  # standard errors
 _MOST = 5  # dwells that are told
+_ABOVE = 3.0  # standard errors by which what is left on held-out poses exceeds the floor
 _FAR = 10.0  # stated uncertainties, and more than plausible
 
 
-def cautions(fit: Fit, found: Disagreement | None, table: PoseTable) -> tuple[str, ...]:
+def cautions(
+    fit: Fit, found: Disagreement | None, table: PoseTable, gap: HeldOut | None
+) -> tuple[str, ...]:
     """In sentences for the user.
 
     Args:
         fit: the final model.
         found: the disagreement with it; None where single poses are not to be told.
         table: the poses.
+        gap: on held-out poses, with what was named; None where nothing was.
     """
-    return (*_far(fit), *(() if found is None else _outlying(found, table)))
+    return (*_far(fit), *_unsteady(gap), *(() if found is None else _outlying(found, table)))
+
+
+def _unsteady(gap: HeldOut | None) -> tuple[str, ...]:
+    if gap is None or gap.above_floor < _ABOVE:
+        return ()
+    return (
+        f"Looked for anew in four fifths of the poses, what is missing leaves a gap of {gap.after:.2f} (standard "
+        f"error {gap.after_error:.2g}) in the fifth that took no part, where noise leaves 1: what is named depends "
+        "on which poses are used.",
+    )
 
 
 def _far(fit: Fit) -> tuple[str, ...]:

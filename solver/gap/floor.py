@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc, fdtrc
 
 from solver.dwells import Window
 from solver.gap.fit import Fit
@@ -71,8 +72,6 @@ def same_poses(windows: Sequence[Window], counts: Array) -> NDArray[np.intp]:
 
 def floor(fit: Fit, poses: NDArray[np.intp]) -> Floor:
     """The floor of ``fit``, whose dwells visited ``poses`` (P,)."""
-    from scipy.stats import chi2, f
-
     r = fit.residual
     count = np.bincount(poses)
     means = np.stack(
@@ -83,10 +82,10 @@ def floor(fit: Fit, poses: NDArray[np.intp]) -> Floor:
     rest = fit.freedoms - free
     if free == 0:
         ratio = fit.rss / max(fit.freedoms, 1)
-        return Floor(1.0, 0, 0, ratio, float(chi2.sf(fit.rss, max(fit.freedoms, 1))))
+        return Floor(1.0, 0, 0, ratio, float(chdtrc(max(fit.freedoms, 1), fit.rss)))
     # Noise from visit to visit comes on top of that within dwells, which is well known.
     variance = max(pure / free, 1.0)
     if rest <= 0:
         return Floor(variance, free, int(np.sum(count > 1)), 1.0, 1.0)
     ratio = max(fit.rss - pure, 0.0) / rest / variance
-    return Floor(variance, free, int(np.sum(count > 1)), ratio, float(f.sf(ratio, rest, free)))
+    return Floor(variance, free, int(np.sum(count > 1)), ratio, float(fdtrc(rest, free, ratio)))

@@ -51,6 +51,11 @@ class HeldOut:
     each_before: Array
     each_after: Array
 
+    @property
+    def above_floor(self) -> float:
+        """By how many standard errors what is left exceeds the floor."""
+        return (self.after**2 - 1.0) / max(2.0 * self.after * self.after_error, 1e-300)
+
 
 def held_out(
     fit: Fit,

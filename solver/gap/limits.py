@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import chdtri, ndtri
 
 from solver.effects.effect import Array, Coefficient
 from solver.gap.result import Limit
@@ -21,8 +21,6 @@ _POWER = 0.9
 
 def limits(look: Look) -> tuple[Limit, ...]:
     """Of every candidate of ``look``, in catalogue order; coded effects have their own sizes."""
-    from scipy.stats import chi2
-
     fit = look.fit
     noise = fit.rss / max(fit.freedoms, 1)
     critical = look.screen.threshold.critical(LEVEL)
@@ -36,7 +34,7 @@ def limits(look: Look) -> tuple[Limit, ...]:
         if not k:
             continue
         worth = look.screen.threshold.forms_worth.get(candidate.label, 1.0)
-        reach = float(chi2.isf(min(np.exp(critical) / worth, 0.5), k))
+        reach = float(chdtri(k, min(np.exp(critical) / worth, 0.5)))
         # Noncentral chi-square is near normal about k + lambda with variance 2 (k + 2 lambda).
         z = float(ndtri(_POWER))
         strength = reach

@@ -137,7 +137,12 @@ class Gap:
         Single poses that stand out are told only where a model is said to explain the readings.
         """
         explained = self.verdict is not Verdict.UNKNOWN
-        return cautions(self.after, self.disagreement_after if explained else None, self.table)
+        return cautions(
+            self.after,
+            self.disagreement_after if explained else None,
+            self.table,
+            self.held_out if self.effects else None,
+        )
 
     @property
     def untested(self) -> tuple[Untestable, ...]:
@@ -182,7 +187,9 @@ def gap_json(gap: Gap, next_poses: str | None = None) -> dict[str, Any]:
         if held is None
         else {
             "before": held.before,
+            "before_standard_error": held.before_error,
             "after": held.after,
+            "after_standard_error": held.after_error,
             "closed": held.closed,
             "held_out_poses": held.poses,
         },

@@ -13,23 +13,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver.effects.effect import Effect
+from solver.effects.effect import Effect, Recorded
 from solver.gap.candidates import Candidate, Untestable, candidates
 from solver.gap.fit import Fit, extended, without
-from solver.gap.score import Form, forms
+from solver.gap.score import Form, forms, scores
 from solver.gap.screen import Screen, Threshold, screen, threshold
 
 MOST = 4
 """Effects that one analysis names at most."""
 
-LEVEL = 0.05
+LEVEL = 0.01
 """How often nothing at all may look like something."""
 
-MORE = 0.01
-"""The same for something beside what is named already: a second name needs more evidence."""
-
 _REAL = 0.3  # of what the linear model promises, at the least
-_UNLIKELY = 7.0  # of log evidence: a rival a thousand times less likely is none
+_UNLIKELY = 7.0  # of log evidence: a rival a thousand times less likely is none,
+_AS_GOOD = 4.0  # unless it fits as well: noise units of chi-square by which it may explain less
 _NEVER = 100.0  # times the plausible size
 _RIVALS = 8  # candidates that are refitted in full, at most
 _MARGIN = 30.0  # noise units of chi-square by which a rival may explain less and still be refitted
@@ -142,15 +140,12 @@ def search(
     fit: Fit,
     rng: np.random.Generator,
     progress: Progress = lambda text: None,
-    *,
-    level: float = LEVEL,
 ) -> Search:
     """Look for effects that are missing from ``fit``.
 
     Args:
         fit: the model as it is.
         rng: for the draws.
-        level: how often nothing at all may look like something.
         progress: is told what is being tried.
     """
     progress("screening")
@@ -158,11 +153,7 @@ def search(
     before = now = look(fit, rng, pool=pool)
     chosen: list[Possible] = []
     first: list[Possible] = []
-    while (
-        now.significant(MORE if chosen else level)
-        and len(chosen) < MOST
-        and not _shape_only(now, chosen)
-    ):
+    while now.significant(LEVEL) and len(chosen) < MOST and not _shape_only(now, chosen):
         found = possible(now, rng, progress, pool)
         if not found:
             break
@@ -171,10 +162,11 @@ def search(
         chosen.append(best)
         now = best.after
     if not chosen:
-        return Search(before, before, (), not before.significant(level))
-    complete = not now.significant(MORE) or _shape_only(now, chosen)
+        return Search(before, before, (), not before.significant(LEVEL))
+    complete = not now.significant(LEVEL) or _shape_only(now, chosen)
     if len(chosen) == 1:
-        return Search(before, now, (_named(chosen[0], [p for p in first if p.enough]),), complete)
+        alone = _named(chosen[0], first)
+        return Search(before, alone.best.after, (alone,), complete)
     named: list[Named] = []
     for mine in [p.effect.label for p in chosen]:
         labels = [effect.label for effect in now.fit.effects]
@@ -184,26 +176,40 @@ def search(
         if reduced is None:
             continue
         around = look(reduced, rng, pool=pool)
-        if not around.significant(MORE):
+        if not around.significant(LEVEL):
             now = around  # the others have made it needless
             continue
-        rivals = [p for p in possible(around, rng, progress, pool) if p.enough]
+        rivals = possible(around, rng, progress, pool)
         own = next((p for p in rivals if p.effect.label == mine), None)
         first_choice = next(p for p in chosen if p.effect.label == mine)
-        named.append(_named(own or (rivals[0] if rivals else first_choice), rivals))
+        named.append(_named(own or first_choice, rivals))
     return Search(before, now, tuple(named), complete)
 
 
-def _named(best: Possible, rivals: Sequence[Possible]) -> Named:
-    ordered = sorted(rivals, key=lambda p: -p.log_evidence)
-    first = ordered[0] if ordered and best.enough else best
+def _named(best: Possible, tried: Sequence[Possible]) -> Named:
+    """``best`` with those of ``tried``, best evidence first, that nothing speaks against beside it.
+
+    Whether something stands out behind a candidate is decided by chance where that is just so. One
+    that is likelier than another which leaves nothing, or fits as well, may not be dropped for it.
+    """
+    enough = [p for p in tried if p.enough]
+    if not enough:
+        return Named(best, ())
+    likeliest = max(p.log_evidence for p in enough)
+    explained = max(p.explained for p in enough)
+    rivals = [
+        p
+        for p in tried
+        if p.enough or p.log_evidence > likeliest or p.explained > explained - _AS_GOOD
+    ]
+    first = rivals[0]
     return Named(
         first,
         tuple(
             p
-            for p in ordered
-            if p.effect.label != first.effect.label
-            and p.log_evidence > first.log_evidence - _UNLIKELY
+            for p in rivals[1:]
+            if p.log_evidence > first.log_evidence - _UNLIKELY
+            or p.explained > first.explained - _AS_GOOD
         ),
     )
 
@@ -245,7 +251,7 @@ def possible(now: Look, rng: np.random.Generator, progress: Progress, pool: Pool
 
 def _refitted(now: Look, candidate: int) -> Fit | None:
     """The fit of ``now`` with one candidate more; None where there is none that could be."""
-    form = now.form(candidate)
+    form = _closer(now, now.form(candidate))
     if not form.basis.shape[1]:
         return None
     shape = form.effect.coefficients
@@ -257,6 +263,17 @@ def _refitted(now: Look, candidate: int) -> Fit | None:
     if fit is None or _unphysical(fit) or _implausible(fit):
         return None
     return fit
+
+
+def _closer(now: Look, form: Form) -> Form:
+    """``form``, or the best of those much like it where the screen tried but some of many."""
+    fit = now.fit
+    more = form.effect.closer(Recorded(fit.values, fit.at, fit.observed.counts))
+    if not more:
+        return form
+    mine = Candidate(form.effect.name, form.effect.where, more)
+    near = forms(fit, [mine])
+    return near[int(np.argmax(scores(fit, near).log_evidence))]
 
 
 def _added(
@@ -274,12 +291,12 @@ def _added(
     # The evidence of the linear model, with the misfit that the full refit reached in its place.
     gain = 0.5 * (explained - now.statistic(candidate) / _noise_of(now))
     return Possible(
-        form.effect,
+        fit.effects[-1],
         after,
         linear + spread + gain,
         explained,
         form.retained,
-        not after.significant(MORE) or _only_shape(after, explained),
+        not after.significant(LEVEL) or _only_shape(after, explained),
     )
 
 
@@ -319,7 +336,7 @@ def _shape_only(now: Look, chosen: Sequence[Possible]) -> bool:
 
 
 def _only_shape(now: Look, largest: float) -> bool:
-    standing_out = now.screen.significant(MORE)
+    standing_out = now.screen.significant(LEVEL)
     standing = [i for i in range(len(now.candidates)) if standing_out[i]]
     if not standing:
         return False

@@ -1,8 +1,9 @@
 """Whether something is missing that has no name: smooth patterns that no known effect would leave.
 
 Each channel's reading is tested against smooth functions of where the mechanism stands (low
-powers of the principal coordinates of its poses), of time, and of the side that it came from. A
-pattern that stands out after all named effects is none of the known ones.
+powers of the principal coordinates of its poses), of time (slow courses, and swings of any one
+period), and against the moves that brought it there. A pattern that stands out after all named
+effects is none of the known ones.
 """
 
 from __future__ import annotations
@@ -19,13 +20,15 @@ from solver.gap.score import Array, log_f_tail
 
 _POWER = 3
 _TIMES = 5  # orders of the course over time
+_SWINGS = 20  # half periods in a session, at the most
+_MOVES = 2  # before a dwell, of which it may remember something
 _DRAWS = 400
 _SPREAD = 1e-3  # of the largest principal coordinate: less is no freedom of its own
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """One group of smooth functions at one channel: ``over`` is "pose" or "time".
+    """One group of smooth functions at one channel: ``over`` is "pose", "time", "swing" or "move".
 
     ``explained`` is the chi-square that it would take away, in units of the noise that is left.
     """
@@ -76,9 +79,10 @@ def _groups(fit: Fit) -> tuple[list[tuple[str, str]], list[Array]]:
         fit.settled.coordinates, fit.parameters, np.zeros((len(fit.parameters), 0)), observed.at
     )
     poses, channels = here.readings.shape
+    everywhere = _shapes(fit)
     names, bases = [], []
-    for over, shapes in _shapes(fit).items():
-        for c, channel in enumerate(model.channels):
+    for c, channel in enumerate(model.channels):
+        for over, shapes in (*everywhere, *_moves(fit, c)):
             by = np.zeros((poses, channels, shapes.shape[1]))
             by[:, c] = shapes * observed.sigma[:, c, None]
             nowhere = np.zeros((poses, here.closure.shape[1], shapes.shape[1]))
@@ -92,7 +96,7 @@ def _groups(fit: Fit) -> tuple[list[tuple[str, str]], list[Array]]:
     return names, bases
 
 
-def _shapes(fit: Fit) -> dict[str, Array]:
+def _shapes(fit: Fit) -> list[tuple[str, Array]]:
     """Smooth functions (P, k) of the poses' circumstances, each of unit mean square."""
     values = fit.values
     scaled = (values - values.mean(axis=0)) / np.maximum(values.std(axis=0), 1e-300)
@@ -105,12 +109,31 @@ def _shapes(fit: Fit) -> dict[str, Array]:
         for power in range(1, _POWER + 1)
         for chosen in combinations_with_replacement(range(principal.shape[1]), power)
     ]
-    out = {"pose": np.stack(terms, axis=1)}
+    out = [("pose", np.stack(terms, axis=1))]
     at = fit.at
     if at.time_s is not None and np.ptp(at.time_s) > 0:
-        x = 2.0 * (at.time_s - at.time_s.min()) / np.ptp(at.time_s) - 1.0
-        out["time"] = np.asarray(legendre.legvander(x, _TIMES)[:, 1:], dtype=np.float64)
-    return {
-        over: shapes / np.maximum(np.sqrt(np.mean(shapes**2, axis=0)), 1e-300)
-        for over, shapes in out.items()
-    }
+        x = (at.time_s - at.time_s.min()) / np.ptp(at.time_s)
+        slow = legendre.legvander(2.0 * x - 1.0, _TIMES)[:, 1:]
+        out.append(("time", np.asarray(slow, dtype=np.float64)))
+        turns = np.pi * x[:, None] * np.arange(_TIMES, _SWINGS + 1)
+        out += [("swing", np.stack([np.cos(t), np.sin(t)], axis=1)) for t in turns.T]
+    return [(over, _unit(shapes)) for over, shapes in out]
+
+
+def _moves(fit: Fit, channel: int) -> list[tuple[str, Array]]:
+    """How far ``channel`` went in the last moves before each dwell, (P, k), of unit mean square."""
+    time_s = fit.at.time_s
+    if time_s is None or not np.ptp(time_s) > 0:
+        return []
+    order = np.argsort(time_s, kind="stable")
+    value = fit.values[order, channel]
+    went = np.zeros((len(value), _MOVES))
+    for k in range(_MOVES):
+        went[k + 1 :, k] = value[1 : len(value) - k] - value[: len(value) - k - 1]
+    back = np.empty_like(went)
+    back[order] = went
+    return [("move", _unit(back))]
+
+
+def _unit(shapes: Array) -> Array:
+    return np.asarray(shapes / np.maximum(np.sqrt(np.mean(shapes**2, axis=0)), 1e-300))

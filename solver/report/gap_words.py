@@ -286,4 +286,9 @@ def advice(gap: Gap) -> tuple[str, ...]:
 
 
 _STRANGE = 0.05
-_OVER = {"pose": "the pose", "time": "time", "approach": "the direction of approach"}
+_OVER = {
+    "pose": "the pose",
+    "time": "time",
+    "swing": "time, for a swing",
+    "move": "the length of the move before",
+}
