@@ -20,6 +20,7 @@ Source: Lawicel, "CAN232 manual" and "CANUSB manual", chapter "Available CANUSB 
 
 from __future__ import annotations
 
+import re
 import time
 from collections import deque
 from typing import Any
@@ -55,6 +56,9 @@ BUS_OFF = 0x40
 
 RELAXATION = 2e-4
 """How fast an estimate of the adapter's offset gives way, so that it can follow a drifting clock."""
+
+
+_DIGITS = re.compile(rb"[0-9A-Fa-f]*")
 
 
 class SlcanOptions(Described):
@@ -109,6 +113,8 @@ def decode(line: bytes) -> SlcanMessage | None:
         raise Garbled(f"the adapter sent {_shown(line)}, which is no frame")
     extended, remote = line[:1].isupper(), line[:1] in (b"r", b"R")
     start = 9 if extended else 4
+    if not _DIGITS.fullmatch(line, 1):  # which int() and fromhex() do not ask for
+        raise Garbled(f"the adapter sent {_shown(line)}, which is no frame")
     try:
         identifier, length = int(line[1:start], 16), int(line[start : start + 1])
         data = b"" if remote else bytes.fromhex(line[start + 1 :].decode("ascii"))

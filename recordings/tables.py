@@ -32,6 +32,7 @@ _DWELL_NS = 500_000_000
 _ASIDE = ("fixture", "pose", "visit", "direction")
 _SUFFIXES = ("rad", "deg", "m", "mm", "counts")
 _MOST = 2**53
+_MOST_POSES = 2**31 - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,6 +206,8 @@ def _counts(channel: Channel, unit: str, text: str, where: str) -> int:
 
 
 def _number(text: str, what: str, where: str) -> int:
-    if not text.isdecimal():
-        raise TableError(f"{where} has '{text}' for {what}, expected a whole number from 0")
+    if not (text.isdecimal() and len(text) <= len(str(_MOST_POSES)) and int(text) <= _MOST_POSES):
+        raise TableError(
+            f"{where} has '{text[:40]}' for {what}, expected a whole number from 0 to {_MOST_POSES}"
+        )
     return int(text)

@@ -208,7 +208,10 @@ def calibrated_urdf(text: str, tip: str, values: Mapping[str, float]) -> str:
 def _parsed(text: str) -> urdf.URDF:
     try:
         robot = urdf.URDF.from_xml_string(text.encode("utf-8"))
-    except (SyntaxError, reflection.ParseError, AssertionError, ValueError) as error:
+    except (
+        SyntaxError, reflection.ParseError, AssertionError, AttributeError, TypeError, ValueError
+    ) as error:  # fmt: skip
+        # The parser takes what it expects for granted: a text where there is none, and the like.
         raise RigError(f"not a URDF: {error}") from error
     return robot
 
@@ -221,6 +224,8 @@ def _chain(robot: urdf.URDF, tip: str) -> list[_Link]:
     link = tip
     while link in robot.parent_map:
         name, link = robot.parent_map[link]
+        if name in names:
+            raise RigError(f"the links above '{tip}' form a loop through the joint '{name}'")
         names.append(name)
     out: list[_Link] = []
     before, last, owner = np.eye(4), np.eye(4), None
@@ -289,22 +294,28 @@ def _origin(joint: urdf.Joint) -> Array:
         return np.eye(4)
     x, y, z = joint.origin.xyz or (0.0, 0.0, 0.0)
     rx, ry, rz = joint.origin.rpy or (0.0, 0.0, 0.0)
+    if not np.isfinite([x, y, z, rx, ry, rz]).all():
+        raise RigError(f"joint '{joint.name}' has an origin that is not of finite numbers")
     return _transform(x, y, z, rx, ry, rz)
 
 
 def _axis(joint: urdf.Joint) -> Array:
     axis = np.array(joint.axis if joint.axis is not None else (1.0, 0.0, 0.0), dtype=np.float64)
-    length = float(np.linalg.norm(axis))
-    if not length > 0:
-        raise RigError(f"joint '{joint.name}' has an axis of length 0")
-    return axis / length
+    largest = float(np.abs(axis).max())
+    if not 0 < largest < np.inf:
+        raise RigError(f"joint '{joint.name}' has an axis of length {largest:g}, expected a direction")
+    axis = axis / largest
+    return np.asarray(axis / np.linalg.norm(axis))
 
 
 def _home(joint: urdf.Joint) -> float:
     """The middle of the limits, where it has any."""
     if joint.limit is None or joint.type == "continuous":
         return 0.0
-    return 0.5 * (float(joint.limit.lower) + float(joint.limit.upper))
+    home = 0.5 * float(joint.limit.lower) + 0.5 * float(joint.limit.upper)
+    if not np.isfinite(home):
+        raise RigError(f"joint '{joint.name}' has limits that are not finite numbers")
+    return home
 
 
 def _moved(axis: Array, size: float, kind: str) -> Array:

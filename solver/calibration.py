@@ -85,6 +85,10 @@ class Calibration:
                     "solve a recording of this rig"
                 )
             values = np.array([float(found[p.name]["value"]) * p.to_si for p in table])
+            if not (np.isfinite(values).all() and np.isfinite(matrix).all()):
+                raise ResultError(
+                    "the result holds numbers that are not finite; solve the recording again"
+                )
         except (KeyError, TypeError, ValueError) as error:
             raise ResultError(
                 "this is not a result file with a covariance; `loopcal solve FILE --json RESULT` writes one"

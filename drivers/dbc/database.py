@@ -18,6 +18,8 @@ from drivers.can_bus import EXTENDED
 from drivers.dbc.layout import SignalLayout
 from drivers.errors import OptionError
 
+_LONGEST_CYCLE_MS = 86_400_000
+
 
 @dataclass(frozen=True, slots=True)
 class DbcSignal:
@@ -58,7 +60,7 @@ class DbcMessage:
         self.name = message.name
         self.identifier = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
         self.length = message.length
-        self.period_ns = round(message.cycle_time * 1e6) if message.cycle_time else None
+        self.period_ns = _period_ns(message.cycle_time)
         self._signals = {signal.name: signal for signal in message.signals}
         self._where = f"{where}: message '{message.name}'"
 
@@ -138,6 +140,13 @@ class DbcFile:
                 f'{"no message" if not owners else ", ".join(owners)}; write "MESSAGE.SIGNAL"'
             )
         return self.message(owners[0]), name
+
+
+def _period_ns(cycle_ms: object) -> int | None:
+    """A cycle time; None where the file gives none, or something else than a time."""
+    if not isinstance(cycle_ms, int | float) or not 0 < cycle_ms < _LONGEST_CYCLE_MS:
+        return None
+    return round(cycle_ms * 1e6)
 
 
 def _has(message: Message, name: str) -> bool:
