@@ -16,7 +16,7 @@ import serial  # type: ignore[import-untyped]
 from drivers.errors import DeviceRefused, DeviceSilent, LinkBroken, LinkClosed, Malformed
 from drivers.link import Clock
 from drivers.modbus.pdu import Identify, Read, Reply, Verdict
-from drivers.modbus.rtu import AROUND, complete_but_damaged, encode, replies
+from drivers.modbus.rtu import AROUND, bytes_of_others, complete_but_damaged, encode, replies
 from drivers.ports import open_error
 from recordings.rig import SerialPort
 
@@ -69,10 +69,14 @@ class Line(Protocol):
 
     Attributes:
         late: replies that came after their request had been given up, since the line was made.
+        foreign: requests to which a reply of another unit came, since the line was made.
+        noise: bytes that were nobody's reply, since the line was made.
         ties_replies: whether a reply proves which request it belongs to.
     """
 
     late: int
+    foreign: int
+    noise: int
 
     @property
     def ties_replies(self) -> bool: ...
@@ -108,6 +112,8 @@ class RtuLine:
 
     Attributes:
         late: replies that came after their request had been given up, since the line was made.
+        foreign: requests to which a reply of another unit came, since the line was made.
+        noise: bytes that were nobody's reply, since the line was made.
     """
 
     ties_replies = False
@@ -123,6 +129,8 @@ class RtuLine:
         self._silence_s = max(SHORTEST_SILENCE_S, SILENCE_CHARACTERS * self._character_s)
         self._busy_until_s = 0.0
         self.late = 0
+        self.foreign = 0
+        self.noise = 0
 
     def open(self) -> None:
         """Open the port; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
@@ -184,10 +192,12 @@ class RtuLine:
                 seen += 1
                 if reply.verdict is Verdict.LATE:
                     self.late += 1
-                elif reply.verdict is Verdict.REFUSAL:
+                    continue
+                self._tell_apart(came, frame, request, answered=True)
+                if reply.verdict is Verdict.REFUSAL:
                     raise DeviceRefused(f"unit {request.unit} answers {reply.exception_text}")
-                else:
-                    return Answer(reply, time_ns)
+                return Answer(reply, time_ns)
+        self._tell_apart(came, frame, request, answered=False)
         if complete_but_damaged(came, request):
             raise Malformed(f"unit {request.unit} sent a reply with a wrong checksum: {came.hex()}")
         noise = f", but {len(came)} bytes that are no reply" if came and not seen else ""
@@ -196,10 +206,28 @@ class RtuLine:
             f"baud rate ({self._port.baudrate}), parity ({self._port.parity}), power and wiring"
         )
 
+    def _tell_apart(
+        self, came: bytes, sent: bytes, request: Read | Identify, *, answered: bool
+    ) -> None:
+        """Count what came beside the reply: of other units, and of nobody."""
+        if len(came) > len(sent) and came.startswith(sent):
+            # A two-wire adapter echoes what it sends.
+            came = came[len(sent) :]
+        if isinstance(request, Identify):
+            return
+        expected = AROUND + request.longest_reply if answered else 0
+        if len(came) > expected:
+            others = bytes_of_others(came, request)
+            self.foreign += others > 0
+            self.noise += max(len(came) - others - expected, 0)
+
     def _drop_waiting(self, stream: Stream, request: Read | Identify) -> None:
         """Drop what came unasked, and let the line be silent before a frame."""
         while waiting := stream.in_waiting:
-            self.late += sum(1 for _ in replies(stream.read(waiting), request))
+            data = stream.read(waiting)
+            late = sum(1 for _ in replies(data, request))
+            self.late += late
+            self.noise += 0 if late else len(data)
             self._busy_until_s = time.monotonic() + self._silence_s
         left_s = self._busy_until_s - time.monotonic()
         if left_s > 0:

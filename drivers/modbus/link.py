@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
+from drivers.babble import BabbleWatch
 from drivers.errors import (
     DeviceRefused,
     DeviceSilent,
@@ -26,7 +27,7 @@ from drivers.errors import (
 )
 from drivers.faults import FaultKind, FaultThrottle
 from drivers.link import Clock, DeviceStatus, JointDrive, Losses
-from drivers.modbus.line import Line, RtuLine
+from drivers.modbus.line import BITS_PER_CHARACTER, Line, RtuLine
 from drivers.modbus.tcp_line import TcpLine
 from drivers.outage import LONGEST_WAIT_S, Outage
 from drivers.round_trips import RoundTrips
@@ -61,6 +62,9 @@ class PolledDevice(Protocol):
 
 
 LARGEST_SERIAL_UNIT = 247
+
+BABBLE = 0.1
+"""Share of the line that bytes which are nobody's reply may take before they are called babble."""
 
 VIRTUAL_PREFIX = "loopcal virtual"
 """How the identification of a simulated device begins."""
@@ -97,7 +101,10 @@ class ModbusLink:
         self._failing: set[str] = set()
         self._round_trips = {device.name: RoundTrips(device.name) for device in devices}
         self._schedule: Schedule | None = None
-        self._late = 0
+        self._late = self._foreign = self._noise = 0
+        # Without a baud rate (TCP) there is no noise either: what makes no sense ends the connection.
+        baudrate = port.baudrate if isinstance(port, SerialPort) else 0
+        self._babble = BabbleWatch(BABBLE * baudrate / BITS_PER_CHARACTER)
 
     def open(self) -> None:
         """Open the port; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
@@ -160,6 +167,7 @@ class ModbusLink:
             now_ns = self._clock.now_ns()
         if instants := self._schedule.due(now_ns):
             self._poll_all(instants)
+        self._report_babble(now_ns)
 
     def _poll_all(self, instants: int) -> None:
         for device in self._devices:
@@ -197,6 +205,24 @@ class ModbusLink:
             text = f"{device.name}: a reply came after its request was given up; it was discarded"
             self._fault(device.name, FaultKind.LATE, text)
             self._late = self._line.late
+        if self._line.foreign > self._foreign:
+            text = f"a reply of another unit came to a request to {device.name}; it was passed over"
+            self._fault(self.name, FaultKind.FOREIGN, text)
+            self._foreign = self._line.foreign
+        self._babble.hear(self._line.noise - self._noise)
+        self._noise = self._line.noise
+
+    def _report_babble(self, now_ns: int) -> None:
+        if not self._babble.changes(now_ns):
+            return
+        kind, text = FaultKind.QUIET, "the line is quiet again"
+        if self._babble.babbling:
+            kind = FaultKind.BABBLE
+            text = (
+                f"{self._babble.rate_hz:.0f} bytes a second that are nobody's reply, above "
+                f"{self._babble.limit_hz:.0f}: a device babbles, or baud rate or parity differ"
+            )
+        self._pending.append(Fault(now_ns, self.name, kind, text))
 
     def _fault(self, source: str, kind: FaultKind, text: str) -> None:
         self._pending.extend(self._throttle.offer(Fault(self._clock.now_ns(), source, kind, text)))

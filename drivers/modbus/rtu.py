@@ -46,6 +46,20 @@ def replies(data: bytes, request: Read | Identify) -> Iterator[Reply]:
         start += length
 
 
+def bytes_of_others(data: bytes, request: Read | Identify) -> int:
+    """Bytes in ``data`` that are valid replies of other units to the function of ``request``."""
+    start = found = 0
+    while start + HEADER + CRC_BYTES <= len(data):
+        theirs = data[start] != request.unit and data[start + 1] & ~EXCEPTION == request.function
+        length = _length(data[start:]) if theirs else None
+        if length is None or not _intact(data[start : start + length]):
+            start += 1
+            continue
+        found += length
+        start += length
+    return found
+
+
 def complete_but_damaged(data: bytes, request: Read | Identify) -> bool:
     """Whether ``data`` begins like the reply to ``request``, has its length, and is no valid frame."""
     if data[:2] != bytes([request.unit, request.function]):

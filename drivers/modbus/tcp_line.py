@@ -52,6 +52,8 @@ class TcpLine:
 
     Attributes:
         late: replies that came after their request had been given up, since the line was made.
+        foreign: replies to our requests that came from another unit, since the line was made.
+        noise: none: a stream that is no Modbus TCP breaks the connection.
     """
 
     ties_replies = True
@@ -66,6 +68,8 @@ class TcpLine:
         self._buffer = AduBuffer()
         self._transaction = 0
         self.late = 0
+        self.foreign = 0
+        self.noise = 0
 
     def open(self) -> None:
         """Connect; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
@@ -124,6 +128,7 @@ class TcpLine:
         if adu.transaction != self._transaction:
             self.late += 1
             return False
+        self.foreign += adu.unit != request.unit
         return adu.unit == request.unit
 
     def _answer(self, adu: Adu, request: Read | Identify, time_ns: int) -> Answer:

@@ -162,7 +162,7 @@ def test_replies_of_another_unit_or_length_are_not_taken(make, clock):
 
     raw, kinds = run(make(Server(answer)), clock, 4)
     assert raw == [1, 4]
-    assert kinds[:2] == [FaultKind.SILENT, FaultKind.MALFORMED]
+    assert kinds[:3] == [FaultKind.SILENT, FaultKind.FOREIGN, FaultKind.MALFORMED]
 
 
 @pytest.mark.parametrize("last", [None, b"\xff" * 12])

@@ -1,0 +1,108 @@
+"""What can go wrong on the wire, how soon each driver notices, and as what it is reported.
+
+One table for all built-in drivers: `DETECTION`. Times count from the moment at which the fault
+begins until its event, at a sampling of `SAMPLE_HZ` and with the link being pumped; they are
+what a session may rely on, and the fault matrix (``docs/fault-matrix.md``) holds each driver
+to them. Where a fault cannot occur, or cannot be told by anybody, the table says why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from types import MappingProxyType
+
+from recordings.faults import FaultKind
+
+SAMPLE_HZ = 100.0
+
+
+class Trouble(StrEnum):
+    """What can go wrong between a device and its host."""
+
+    UNPLUG = "unplug, replug"
+    BUS_OFF = "bus-off"
+    SILENCE = "silence"
+    BABBLE = "babble"
+    STUCK = "stuck value"
+    WRONG_ID = "wrong node id"
+    DUPLICATE = "duplicated node"
+    CHECKSUM = "checksum errors"
+    LATE = "late replies"
+    FOREIGN = "foreign replies"
+    GAPS = "sequence gaps"
+    RESTART = "device restarts"
+
+
+@dataclass(frozen=True, slots=True)
+class Detected:
+    """A fault is reported as the first of ``kinds`` within ``within_s`` seconds."""
+
+    within_s: float
+    kinds: tuple[FaultKind, ...]
+
+
+Detection = Mapping[Trouble, Detected | str]
+"""How each trouble is noticed; a text says why it cannot be."""
+
+
+def _as(within_s: float, *kinds: FaultKind) -> Detected:
+    return Detected(within_s, kinds)
+
+
+_PORT: dict[Trouble, Detected | str] = {
+    Trouble.UNPLUG: _as(0.1, FaultKind.BROKEN),
+}
+_CAN: dict[Trouble, Detected | str] = {
+    **_PORT,
+    Trouble.BUS_OFF: _as(0.2, FaultKind.BUS_OFF),
+    Trouble.BABBLE: _as(0.6, FaultKind.BABBLE),
+    # A line of an slcan adapter has no checksum: a digit that becomes another one is not noticed.
+    Trouble.CHECKSUM: _as(0.5, FaultKind.MALFORMED, FaultKind.LOSING),
+    Trouble.LATE: "data come unasked, or are tied to their request by the object that they name",
+    Trouble.FOREIGN: "every frame names its sender",
+}
+_SERIAL: dict[Trouble, Detected | str] = {
+    **_PORT,
+    Trouble.BUS_OFF: "only a CAN controller can leave its bus",
+}
+_CANOPEN: dict[Trouble, Detected | str] = {
+    **_CAN,
+    Trouble.WRONG_ID: _as(0.6, FaultKind.FOREIGN, FaultKind.SILENT),
+    Trouble.RESTART: _as(0.4, FaultKind.RESTARTED),
+}
+
+DETECTION: Mapping[str, Detection] = MappingProxyType(
+    {
+        "canopen-encoder": {
+            **_CANOPEN,
+            Trouble.SILENCE: _as(0.6, FaultKind.SILENT),
+            Trouble.STUCK: _as(1.1, FaultKind.STUCK),
+            Trouble.DUPLICATE: _as(0.3, FaultKind.DUPLICATED),
+            Trouble.GAPS: _as(0.5, FaultKind.LOSING),
+        },
+        "canopen-joint": {
+            **_CANOPEN,
+            Trouble.SILENCE: _as(1.3, FaultKind.SILENT),
+            Trouble.CHECKSUM: _as(1.0, FaultKind.MALFORMED),
+            Trouble.STUCK: "it delivers no reading; what stops to move shows in the sensor of its joint",
+            Trouble.DUPLICATE: _as(1.2, FaultKind.DUPLICATED),
+            Trouble.GAPS: "it delivers no reading; commands are answered, and repeated by who gives them",
+        },
+        "modbus-adc": {
+            **_SERIAL,
+            Trouble.SILENCE: _as(0.2, FaultKind.SILENT),
+            Trouble.BABBLE: _as(0.6, FaultKind.BABBLE),
+            Trouble.STUCK: _as(1.1, FaultKind.STUCK),
+            Trouble.WRONG_ID: _as(0.2, FaultKind.SILENT),
+            Trouble.DUPLICATE: _as(0.3, FaultKind.MALFORMED),
+            Trouble.CHECKSUM: _as(0.3, FaultKind.MALFORMED),
+            Trouble.LATE: _as(0.3, FaultKind.LATE, FaultKind.SILENT),
+            Trouble.FOREIGN: _as(0.2, FaultKind.FOREIGN),
+            Trouble.GAPS: _as(0.4, FaultKind.SILENT, FaultKind.LOSING),
+            Trouble.RESTART: _as(0.4, FaultKind.SILENT, FaultKind.RESTARTED),
+        },
+    }
+)
+"""Of each built-in driver, how each trouble is noticed."""
