@@ -13,6 +13,7 @@ from typing import Any
 from recordings.rig import CanPort, Channel, Device, Rig, SerialPort
 from sim_devices.can_bus import CanBus, CanNode
 from sim_devices.canopen import Encoder, JointDrive
+from sim_devices.crystal import crystal_of
 from sim_devices.errors import DeviceNotSimulated
 from sim_devices.line import SerialDevice, SerialLine
 from sim_devices.modbus import MOST_READ, RtuServer
@@ -30,7 +31,8 @@ def canopen_encoder(rig: Rig, device: Device, plant: Plant) -> Encoder:
             f"the encoder '{device.name}' delivers {len(channels)} channels of the rig, "
             f'expected one channel with device = "{device.name}"'
         )
-    return Encoder(_option(device, "node_id", 1, 127), device.name, channels[0], plant)
+    node_id = _option(device, "node_id", 1, 127)
+    return Encoder(node_id, device.name, channels[0], plant, crystal_of(device.name))
 
 
 def canopen_joint(rig: Rig, device: Device, plant: Plant) -> JointDrive:
@@ -77,7 +79,10 @@ def modbus_adc(rig: Rig, device: Device, plant: Plant) -> RtuServer:
                 f"from 0 to {layout.channels - 1}: '{device.name}' has {layout.channels} channels"
             )
         signals[channel.signal] = channel.name
-    return RtuServer(_option(device, "unit_id", 1, 247), AdcRegisters(layout, signals, plant))
+    return RtuServer(
+        _option(device, "unit_id", 1, 247),
+        AdcRegisters(layout, signals, plant, crystal_of(device.name)),
+    )
 
 
 CAN_KINDS: dict[str, Callable[[Rig, Device, Plant], CanNode]] = {

@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from sim_devices.crystal import PERFECT, Crystal
 from sim_devices.modbus import ExceptionCode, RequestRefused
 from sim_devices.plant_seam import Plant
 
@@ -67,7 +68,14 @@ class AdcLayout:
 class AdcRegisters:
     """The registers of one converter; ``signals`` gives each signal's channel in the rig."""
 
-    def __init__(self, layout: AdcLayout, signals: Mapping[int, str], plant: Plant) -> None:
+    def __init__(
+        self,
+        layout: AdcLayout,
+        signals: Mapping[int, str],
+        plant: Plant,
+        crystal: Crystal = PERFECT,
+    ) -> None:
+        self._crystal = crystal
         self._layout = layout
         self._signals = dict(signals)
         self._plant = plant
@@ -109,7 +117,7 @@ class AdcRegisters:
     def _sample(self, time_s: float) -> dict[int, int]:
         layout = self._layout
         self._samples += 1
-        ticks = int(time_s * TICKS_PER_S)
+        ticks = int(self._crystal.elapsed(time_s) * TICKS_PER_S)
         sample = {
             layout.time_register: ticks >> 16 & 0xFFFF,
             layout.time_register + 1: ticks & 0xFFFF,

@@ -28,6 +28,7 @@ from recordings.rig import Channel
 from sim_devices.canopen.dictionary import U16, U32, ObjectDictionary
 from sim_devices.canopen.node import Identity, Node
 from sim_devices.canopen.pdo import Mapped, Pdo, PdoDefaults
+from sim_devices.crystal import PERFECT, Crystal
 from sim_devices.plant_seam import Plant
 
 PROFILE = 406
@@ -42,7 +43,15 @@ MAPPING = (Mapped(0x6004, 0, 32), Mapped(0x2000, 0, 16), Mapped(0x2001, 0, 16))
 class Encoder(Node):
     """The encoder of ``channel``; the device type follows the unit of the channel's gain."""
 
-    def __init__(self, node_id: int, device: str, channel: Channel, plant: Plant) -> None:
+    def __init__(
+        self,
+        node_id: int,
+        device: str,
+        channel: Channel,
+        plant: Plant,
+        crystal: Crystal = PERFECT,
+    ) -> None:
+        self._crystal = crystal
         self._plant = plant
         self._channel = channel.name
         self._modulus = channel.modulus_counts or 0
@@ -70,4 +79,4 @@ class Encoder(Node):
             self._samples += 1
 
     def _device_time(self) -> int:
-        return int((self.time_s - self._started_s) * TICKS_PER_S)
+        return int(self._crystal.elapsed(self.time_s - self._started_s) * TICKS_PER_S)

@@ -16,6 +16,8 @@ from daq import Ending, HostClock, NotReady, capture
 from drivers import make_links
 from recordings.reader import read_recording
 from recordings.rig import Rig, load_rig, rig_text, visits
+from recordings.timing import DeviceTiming
+from sim_devices.crystal import crystal_of
 
 BENCH = """
 import json, sys
@@ -60,6 +62,18 @@ def ports_in(rig: Rig, folder: Path) -> dict[str, str]:
     return {port.name: str(folder / port.name) for port in rig.ports}
 
 
+def assert_timing_is_true(timing: DeviceTiming, rig: str) -> None:
+    """Answers took some time; where a device has a clock, it is as fast as its crystal."""
+    assert timing.shortest_ns is not None
+    assert 0 < timing.shortest_ns < 50_000_000
+    if timing.clock is None:
+        assert rig != "arm" or not timing.device.startswith("encoder")
+        return
+    error_ppb = -1e9 * crystal_of(timing.device).error - timing.clock.drift_ppb
+    # A busy computer may change its mind half way about how long everything takes.
+    assert abs(error_ppb) < 8.0 * timing.clock.drift_uncertainty_ppb
+
+
 @pytest.mark.wires
 @pytest.mark.parametrize("name", ["arm", "shoulder"])
 def test_a_shortened_plan_is_captured_without_an_unexplained_loss(name, tmp_path):
@@ -72,6 +86,8 @@ def test_a_shortened_plan_is_captured_without_an_unexplained_loss(name, tmp_path
     assert summary.ending is Ending.COMPLETE, (summary.why, summary.faults)
     assert len(summary.dwells) == len(visits(rig.plan))
     recording = read_recording(path)
+    for each in summary.timing:
+        assert_timing_is_true(each, name)
     for channel in rig.channels:
         readings = recording.readings[channel.name]
         entry = summary.ledger[channel.name]
