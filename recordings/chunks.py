@@ -33,6 +33,8 @@ _FEWEST_LOOSE = 1 << 12
 _CHUNK_HEAD = 53  # from the opcode to the length of the compressed data, at most
 _INDEX = struct.Struct("<BQHI")  # a message index up to its entries
 _LOOSE = tuple(bytes([opcode]) for opcode in (SCHEMA, CHANNEL, MESSAGE))
+_ATTACHMENT_HEAD = 29  # from the opcode to the length of the name
+_LONGEST_NAME = 256  # of an attachment that is searched for
 _COMPRESSIONS = (b"", b"lz4", b"zstd")
 
 
@@ -302,9 +304,11 @@ class _Walk:
         return None
 
     def _damage(self, at: int, error: Malformed) -> Damage:
-        """Note damage at ``at`` and go on at the next chunk behind the last trusted record."""
-        found = _next_chunk(self._file, self._trusted, self._stop)
-        self._trusted = self._stop if found is None else found
+        """Note damage at ``at``; go on at the next chunk or attachment behind what is trusted."""
+        chunk = _next_chunk(self._file, self._trusted, self._stop)
+        stop = self._stop if chunk is None else chunk
+        attachment = _next_attachment(self._file, self._trusted, stop)
+        self._trusted = stop if attachment is None else attachment
         self._stream.go_to(self._trusted)
         skipped = self._trusted - at
         return Damage(at, f"{error}; went on {skipped} bytes later" if skipped > 0 else str(error))
@@ -328,4 +332,28 @@ def _next_chunk(file: BinaryIO, start: int, stop: int) -> int | None:
             if data[place + 41 : place + 41 + data[place + 37]] in _COMPRESSIONS:
                 return int(start + place)
         start += len(data) - _CHUNK_HEAD + 1
+    return None
+
+
+def _next_attachment(file: BinaryIO, start: int, stop: int) -> int | None:
+    """Offset of the first attachment between ``start`` and ``stop`` whose CRC is right."""
+    while start + _ATTACHMENT_HEAD <= stop:
+        data = _read(file, start, min(PIECE_BYTES, stop - start))
+        if len(data) < _ATTACHMENT_HEAD:
+            return None
+        head = np.frombuffer(data, np.uint8)[: 1 - _ATTACHMENT_HEAD]
+        places = np.flatnonzero(head == ATTACHMENT)
+        length = unaligned(data, "<u8", 1)[places]
+        fits = (length <= MAX_CHUNK_BYTES) & (length <= stop - start - _HEAD - places)
+        fits &= unaligned(data, "<u4", 25)[places] < _LONGEST_NAME
+        for place in places[fits].tolist():
+            size = int.from_bytes(data[place + 1 : place + _HEAD], "little")
+            content = _read(file, start + place + _HEAD, size)
+            try:
+                records.parse_attachment(content)
+            except Malformed:
+                continue
+            if content[-4:] != bytes(4):
+                return int(start + place)
+        start += len(data) - _ATTACHMENT_HEAD + 1
     return None

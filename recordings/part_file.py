@@ -1,8 +1,8 @@
 """One file of a recording being written: how it begins, and how it ends.
 
 Owns what a file holds beside its messages: profile, rig, session, which part it is. The rig
-and the session stand in it twice, before the first chunk and behind it, because without
-them nothing of the file could be used.
+and the session stand in it before the first chunk, behind it, and again at the end of a
+large file, because without them nothing of the file could be used.
 """
 
 from __future__ import annotations
@@ -18,6 +18,9 @@ from recordings.storage import RecordingFile, Sync, disk_error
 
 PROFILE = "loopcal"
 RIG_ATTACHMENT = "rig.toml"
+
+_LARGE = 1024 * 1024
+"""Size from which a lost piece of the disk can be as large as what is around both copies."""
 
 _LAST_BYTES = 64 * 1024
 """Room for a last ledger and a word on why the file ends, with some to spare."""
@@ -73,6 +76,8 @@ class PartFile:
         """
         self.container.end_chunk()
         self._copy()
+        if self.container.size > _LARGE:
+            self._describe()
         self._file.hold_back = int
         if next_file:
             self.container.add_metadata(NEXT_METADATA, ending(self.part.number + 1, next_file))

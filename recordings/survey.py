@@ -115,7 +115,7 @@ class Survey:
     def hopeless(self) -> str:
         """Why nothing of it can be used, or ""."""
         if self.rig_toml is None:
-            return "the rig description is lost, in both places where it stands"
+            return "the rig description is lost, everywhere it stood"
         if not any(file.blocks for file in self.files):
             return "it holds no whole chunk"
         return ""

@@ -136,8 +136,8 @@ def test_one_flipped_bit_costs_at_most_its_chunk(sample: Sample, tmp_path: Path)
     every_field += [end + i for _, end, _ in sample.chunks for i in range(20)]
     every_field += list(range(sample.data_end - 13, sample.data_end + 9))
     every_field += list(range(len(sample.data) - 37, len(sample.data)))
-    places = every_field + rng.integers(len(MAGIC), len(sample.data), 150).tolist()
-    places += rng.integers(len(MAGIC), sample.rig_end, 60).tolist()
+    places = every_field + rng.integers(0, len(sample.data), 100).tolist()
+    places += [*range(len(MAGIC)), *rng.integers(0, sample.rig_end, 40).tolist()]
     path = tmp_path / "flipped.mcap"
     for place in places:
         data = bytearray(sample.data)
@@ -153,7 +153,7 @@ def test_a_flipped_bit_in_a_file_never_closed_costs_at_most_its_chunk(
     rng = np.random.default_rng(13)
     path = tmp_path / "flipped.mcap"
     end = sample.data_end - 13
-    for place in rng.integers(len(MAGIC), end, 120).tolist():
+    for place in rng.integers(0, end, 120).tolist():
         data = bytearray(sample.data[:end])
         data[place] ^= 1 << int(rng.integers(8))
         recording = damaged(path, bytes(data))
@@ -184,6 +184,18 @@ def test_a_hole_in_the_file_costs_only_what_it_covers(sample: Sample, tmp_path: 
     data = sample.data[: start - 10] + bytes(end - start + 20) + sample.data[end + 10 :]
     recording = damaged(tmp_path / "a.mcap", data)
     assert counts_of(recording) == sample.counts(lambda first, _: first != start)
+
+
+def test_a_lost_beginning_costs_only_what_it_covers(sample: Sample, tmp_path: Path) -> None:
+    """As where the first page of a file never reached the disk."""
+    for end in (8, 512, 4096, sample.chunks[0][0] - 1):
+        for data in (sample.data, sample.data[: sample.chunks[2][1] + 30]):
+            recording = damaged(tmp_path / "a.mcap", bytes(end) + data[end:])
+            kept = sample.counts(
+                lambda start, stop, end=end, size=len(data): end < start < stop < size
+            )
+            assert counts_of(recording) == kept
+            assert recording.rig_toml == sample.whole.rig_toml
 
 
 def test_bytes_behind_the_end_are_told(sample: Sample, tmp_path: Path) -> None:
