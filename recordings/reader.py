@@ -14,7 +14,13 @@ from typing import TypeVar
 
 from recordings.assembly import Assembly
 from recordings.chunks import Attachment, Block, Damage, Header, Metadata, scan
-from recordings.errors import DamagedRecording, HopelessRecording, NotARecording, RecordingError
+from recordings.errors import (
+    DamagedRecording,
+    HopelessRecording,
+    NotARecording,
+    NothingReadable,
+    RecordingError,
+)
 from recordings.events import (
     ClockSample,
     Dwell,
@@ -78,7 +84,7 @@ def _read_file(path: Path) -> Recording:
         raise NotARecording(f"there is no file '{path}'") from error
     except Malformed as error:
         what = "is empty" if status.st_size == 0 else f"is not an MCAP file: {error}"
-        raise NotARecording(f"'{path}' {what}; expected a recording") from error
+        raise NothingReadable(f"'{path}' {what}; expected a recording") from error
     except OSError as error:
         raise RecordingError(f"cannot read '{path}': {error}") from error
     return contents.recording()

@@ -191,9 +191,8 @@ def test_a_lost_beginning_costs_only_what_it_covers(sample: Sample, tmp_path: Pa
     for end in (8, 512, 4096, sample.chunks[0][0] - 1):
         for data in (sample.data, sample.data[: sample.chunks[2][1] + 30]):
             recording = damaged(tmp_path / "a.mcap", bytes(end) + data[end:])
-            kept = sample.counts(
-                lambda start, stop, end=end, size=len(data): end < start < stop < size
-            )
+            size = len(data)
+            kept = sample.counts(lambda start, stop, end=end, size=size: end < start < stop < size)
             assert counts_of(recording) == kept
             assert recording.rig_toml == sample.whole.rig_toml
 
