@@ -60,6 +60,7 @@ class Slot(Generic[Unit, Message]):
 
     Attributes:
         disturbance: what happens to its messages now.
+        dropped: messages that were lost on their way, by the fault of that name.
     """
 
     def __init__(
@@ -71,6 +72,7 @@ class Slot(Generic[Unit, Message]):
         seed: int,
     ) -> None:
         self.disturbance = Disturbance()
+        self.dropped = 0
         self._own = self._device = device
         self._make: Callable[[Device], Unit] = make
         self._power_off = power_off
@@ -119,6 +121,7 @@ class Slot(Generic[Unit, Message]):
             said = ()
         for message in said:
             if disturbance.drop and self._random.random() < disturbance.drop:
+                self.dropped += 1
                 continue
             damaged = bool(disturbance.corrupt) and self._random.random() < disturbance.corrupt
             arrives = self._damage(message, self._random) if damaged else message

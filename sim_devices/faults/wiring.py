@@ -96,6 +96,10 @@ class Wiring:
         self._plugs[port.name] = Plug(port)
         return self._plugs[port.name]
 
+    def dropped(self, device: str) -> int:
+        """Messages of a device that faults have taken from it."""
+        return self._slots[device].dropped
+
     # What faults do; see `sim_devices.faults.injector.Wired`.
 
     def happen(self, order: Order, time_s: float) -> None:

@@ -54,7 +54,7 @@ class MemoryBench:
         self._clock = clock
         self._plant = plant
         self._faults = faults or Injector(rig)
-        wiring = Wiring(rig, plant, seed)
+        wiring = self._wiring = Wiring(rig, plant, seed)
         number = next(_numbers)
         paths = {port.name: f"{number}/{port.name}" for port in rig.ports}
         self._made: list[MemoryPort] = []
@@ -94,6 +94,10 @@ class MemoryBench:
     def attempts(self, port: str) -> int:
         """How often hosts have tried to open a port while the bench was running."""
         return attempts.get(self._addresses[port], 0)
+
+    def dropped(self, device: str) -> int:
+        """Messages of a device that were lost on their way, by the fault of that name."""
+        return self._wiring.dropped(device)
 
     def _serve(self, port: Plug | Port) -> None:
         now_s = self._clock.time_s - self._start_s
