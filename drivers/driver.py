@@ -20,11 +20,12 @@ from recordings.rig import CanPort, Channel, SerialPort, TcpPort
 from recordings.rig.quantity import Described
 
 Options = TypeVar("Options", bound=Described)
+Options_co = TypeVar("Options_co", bound=Described, covariant=True)
 Device = TypeVar("Device")
 
 
 @dataclass(frozen=True, slots=True)
-class DeviceSpec(Generic[Options]):
+class DeviceSpec(Generic[Options_co]):
     """One device of a rig, as its driver gets it.
 
     Attributes:
@@ -42,7 +43,7 @@ class DeviceSpec(Generic[Options]):
     port: str
     joint: str | None
     channels: tuple[Channel, ...]
-    options: Options
+    options: Options_co
     file: str | None = None
 
 

@@ -24,9 +24,11 @@ GROUP = "loopcal.drivers"
 Port = CanPort | SerialPort | TcpPort
 
 BUILT_IN: Mapping[str, str] = {
+    "ascii-adc": "drivers.stream.ascii_adc",
     "canopen-encoder": "drivers.canopen.encoder",
     "canopen-joint": "drivers.canopen.joint",
     "canopen-listener": "drivers.canopen.listener",
+    "cobs-adc": "drivers.stream.cobs_adc",
     "dbc-encoder": "drivers.dbc.encoder",
     "dbc-joint": "drivers.dbc.joint",
     "dbc-listener": "drivers.dbc.listener",

@@ -1,0 +1,242 @@
+"""The link of a serial port with one streaming sensor: reads what comes, supervises the port.
+
+Nothing is sent but ``start_text`` when sampling begins (and again after an interruption) and
+``stop_text`` when it ends, where the rig gives them. All samples of one read have one time of
+arrival: how far they are apart is told by the sensor's own clock, where it has one.
+
+When the port goes away, it is opened again after growing delays (0.25 s to 4 s).
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+
+from drivers.errors import LinkBroken, LinkClosed, OptionError
+from drivers.faults import FaultKind, FaultThrottle
+from drivers.link import Clock, DeviceStatus, JointDrive, Losses
+from drivers.outage import LONGEST_WAIT_S, Outage
+from drivers.ports import open_error
+from drivers.schedule import SECOND
+from drivers.serial_blocks import SerialBlocks, open_blocks
+from drivers.stream.decoder import Sample
+from drivers.stream.sensor import StreamSensor
+from recordings.events import Event, Fault
+from recordings.rig import SerialPort
+
+
+def connect(port: SerialPort) -> SerialBlocks:
+    """The port, locked against a second user; raises OSError or ValueError."""
+    return open_blocks(
+        port.path,
+        baudrate=port.baudrate,
+        parity=port.parity,
+        stopbits=port.stopbits,
+        exclusive=True,
+    )
+
+
+class _Port:
+    """A serial port that can be opened again."""
+
+    def __init__(
+        self, port: SerialPort, sensor: StreamSensor, connect: Callable[[SerialPort], SerialBlocks]
+    ) -> None:
+        self._port = port
+        self._sensor = sensor
+        self._connect = connect
+        self._blocks: SerialBlocks | None = None
+
+    def open(self) -> None:
+        try:
+            self._blocks = self._connect(self._port)
+        except (OSError, ValueError) as error:
+            raise open_error(self._port.name, self._port.path, error) from error
+        self._sensor.reset()
+
+    def close(self) -> None:
+        blocks, self._blocks = self._blocks, None
+        if blocks is not None:
+            blocks.close()
+
+    def read(self, timeout_s: float) -> bytes:
+        """What has come; raises LinkBroken."""
+        if self._blocks is None:
+            raise LinkClosed(f"port '{self._port.name}' is not open")
+        try:
+            return self._blocks.read(timeout_s)
+        except OSError as error:
+            raise self._broken(error) from error
+
+    def write(self, text: str) -> None:
+        """Send ``text``, if it is any; raises LinkBroken."""
+        if not text:
+            return
+        if self._blocks is None:
+            raise LinkClosed(f"port '{self._port.name}' is not open")
+        try:
+            self._blocks.write(text.encode())
+        except OSError as error:
+            raise self._broken(error) from error
+
+    def _broken(self, error: OSError) -> LinkBroken:
+        return LinkBroken(f"port '{self._port.name}' at '{self._port.path}' is gone: {error}")
+
+
+class StreamLink:
+    """The one streaming sensor of a serial port. See `drivers.link.Link`.
+
+    Raises:
+        OptionError: there are two, whose bytes could not be told apart.
+    """
+
+    def __init__(
+        self,
+        port: SerialPort,
+        devices: Sequence[StreamSensor],
+        clock: Clock,
+        connect: Callable[[SerialPort], SerialBlocks] = connect,
+    ) -> None:
+        if len(devices) != 1:
+            names = " and ".join(f"'{device.name}'" for device in devices)
+            raise OptionError(f"{names} both stream on port '{port.name}'; a stream has one sender")
+        self.name = port.name
+        self.joints: Mapping[str, JointDrive] = {}
+        self._sensor = devices[0]
+        self._port = _Port(port, self._sensor, connect)
+        self._clock = clock
+        self._turn = threading.Lock()
+        self._closing = threading.Event()
+        self._closing.set()
+        self._outage = Outage(port.name, self._port, (), clock, self._closing)
+        self._pending: deque[Event] = deque()
+        self._throttle = FaultThrottle()
+        self._sampling = False
+
+    def open(self) -> None:
+        """Open the port; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
+        with self._turn:
+            self._port.open()
+            self._outage.end()
+            self._closing.clear()
+
+    def check(self) -> tuple[DeviceStatus, ...]:
+        """Start the sensor and wait for a sample; raises LinkClosed."""
+        self._require_open()
+        with self._turn:
+            problem = "" if self._sampling else self._listen()
+        return (
+            DeviceStatus(
+                name=self._sensor.name,
+                driver=self._sensor.driver,
+                port=self.name,
+                channels=tuple(self._sensor.channels),
+                answers=not problem,
+                problem=problem,
+            ),
+        )
+
+    def start(self, sample_hz: float) -> None:
+        """Begin to take samples, at the sensor's own rate; raises LinkBroken."""
+        self._require_open()
+        with self._turn:
+            self._port.write(self._sensor.options.start_text)
+            self._sensor.start(self._clock.now_ns())
+            self._sampling = True
+
+    def pump(self, timeout_s: float) -> Sequence[Event]:
+        """Take what has come; raises LinkClosed."""
+        self._require_open()
+        with self._turn:
+            self._serve(timeout_s)
+            events = list(self._pending)
+            self._pending.clear()
+        return events
+
+    def losses(self) -> Mapping[str, Losses]:
+        """Losses of each channel, in step with the readings that `pump` has returned."""
+        with self._turn:
+            return self._sensor.losses(self._clock.now_ns())
+
+    def stop(self) -> None:
+        """End sampling."""
+        with self._turn:
+            if not self._sampling:
+                return
+            self._sampling = False
+            self._sensor.stop(self._clock.now_ns())
+            if not self._outage.lasts and not self._closing.is_set():
+                try:
+                    self._port.write(self._sensor.options.stop_text)
+                except LinkBroken as error:
+                    self._pending.append(self._outage.begin(error, sampling=False))
+
+    def close(self) -> None:
+        """Let the port go."""
+        self._closing.set()
+        with self._turn:
+            self._sampling = False
+            self._port.close()
+
+    def _serve(self, timeout_s: float) -> None:
+        now_ns = self._clock.now_ns()
+        self._pending.extend(self._throttle.due(now_ns))
+        try:
+            if self._outage.lasts:
+                self._serve_outage(timeout_s)
+                return
+            data = self._port.read(min(timeout_s, LONGEST_WAIT_S))
+        except LinkBroken as error:
+            self._sensor.interrupt()
+            self._pending.append(self._outage.begin(error, sampling=self._sampling))
+            return
+        time_ns = self._clock.now_ns()
+        for item in self._sensor.samples(data) if data else ():
+            self._take(item, time_ns)
+        if self._sampling:
+            self._pending.extend(self._sensor.silence(self._clock.now_ns()))
+
+    def _take(self, item: Sample | str, time_ns: int) -> None:
+        if isinstance(item, str):
+            name = self._sensor.name
+            fault = Fault(time_ns, name, FaultKind.MALFORMED, f"{name}: {item}")
+            self._pending.extend(self._throttle.offer(fault))
+        elif self._sampling:
+            self._pending.extend(self._sensor.readings(item, time_ns))
+
+    def _serve_outage(self, timeout_s: float) -> None:
+        reopened = self._outage.serve(0, timeout_s)
+        if reopened is not None:
+            self._pending.append(reopened)
+            if self._sampling:
+                self._port.write(self._sensor.options.start_text)
+
+    def _listen(self) -> str:
+        """Wait for a sample; what is wrong, "" when one came."""
+        if self._outage.lasts:
+            return f"port '{self.name}' is gone; it is being opened again"
+        timeout_s = self._sensor.timeout_ns / SECOND
+        seen = malformed = 0
+        deadline = time.monotonic() + timeout_s
+        try:
+            self._port.write(self._sensor.options.start_text)
+            while (left_s := deadline - time.monotonic()) > 0:
+                data = self._port.read(min(left_s, LONGEST_WAIT_S))
+                seen += len(data)
+                for item in self._sensor.samples(data) if data else ():
+                    if isinstance(item, Sample):
+                        return ""
+                    malformed += 1
+        except LinkBroken as error:
+            return str(error)
+        what = "no bytes came" if not seen else f"{seen} bytes came, {malformed} pieces malformed"
+        return (
+            f"{self._sensor.name} sent no valid sample within {timeout_s:g} s ({what}); check its "
+            f"baud rate, wiring, power, and that the format in the rig is its own"
+        )
+
+    def _require_open(self) -> None:
+        if self._closing.is_set():
+            raise LinkClosed(f"port '{self.name}' is not open; call open() first")
