@@ -19,7 +19,9 @@ a divisor without being rounded to it) is late by anything in [0, Q): Q/2 is tak
 Q / sqrt(12) is its uncertainty, and a step that comes or does not come within the time T of the
 line leaves the drift uncertain by Q / (sqrt(3) T).
 
-The line assumes a constant drift over a minute. A device whose time went back, or that
+The line assumes a constant drift over a minute. Neighbouring minima that are alike (a busy
+spell, the teeth of a coarse clock) are worth fewer than they are: the scatter grows by
+sqrt((1 + r) / (1 - r)), r their correlation. A device whose time went back, or that
 jumped by more than `JUMP_S` against the host's, has restarted: its clock is another one.
 """
 
@@ -57,6 +59,9 @@ UNEVEN = 1.2
 
 DEVIATION = 1.4826
 """Standard deviation over median absolute deviation, of a normal distribution."""
+
+MOST_ALIKE = 0.9
+"""Largest correlation of neighbours that is believed."""
 
 CONFIDENCE = 1.96
 """Standard deviations within which 95 % of a normal distribution lie."""
@@ -138,11 +143,12 @@ class DeviceClock:
         slope = float((time_s - middle_s) @ above_ns) / spread
         level = float(above_ns.mean())
         left = above_ns - level - slope * (time_s - middle_s)
-        scatter = math.sqrt(float(left @ left) / (count - 2)) * UNEVEN * _student(count - 2)
+        alone = math.sqrt(float(left @ left) / (count - 2)) * UNEVEN * _student(count - 2)
+        scatter = alone * _alike(left)
         now_s = (self._last[0] - first_ns) / SECOND - middle_s
         step_ns = float(min(self._step_ns, LONGEST_STEP_NS))
         # What of the scatter is delay: the steps of the device's clock scatter too.
-        delay_ns = math.sqrt(max(0.0, scatter**2 - step_ns**2 / 12.0))
+        delay_ns = math.sqrt(max(0.0, alone**2 - step_ns**2 / 12.0))
         offset_ns = away_ns + level + slope * now_s - delay_ns - step_ns / 2.0
         statistical = scatter * math.sqrt(1.0 / count + now_s**2 / spread)
         slope_by_steps = step_ns / (math.sqrt(3.0) * float(np.ptp(time_s)))
@@ -167,6 +173,15 @@ def _near_a_line(time_s: NDArray[np.float64], above_ns: NDArray[np.float64]) -> 
     left = left - np.median(left)
     usual = DEVIATION * float(np.median(np.abs(left)))
     return np.asarray(np.abs(left) <= FAR * usual + 1.0)
+
+
+def _alike(left: NDArray[np.float64]) -> float:
+    """How much less sure n residuals make than independent ones, by their lag-one correlation."""
+    power = float(left @ left)
+    if power <= 0.0:
+        return 1.0
+    correlation = min(max(float(left[1:] @ left[:-1]) / power, 0.0), MOST_ALIKE)
+    return math.sqrt((1.0 + correlation) / (1.0 - correlation))
 
 
 def _student(freedoms: int) -> float:

@@ -1,11 +1,10 @@
 """Readings in motion: rows between the dwells, for what only motion shows (a lag).
 
 In every move between two dwells a few instants are chosen, spread over the way gone. Each channel
-is read there by a cubic through its nearest samples, at times on one clock: a device's own clock
-(or its sample counter) is laid through the arrival times by a straight line, so that the jitter of
-transport does not count; what that line leaves, averaged over blocks, is the uncertainty of its
-times. A constant difference of transport between devices stays: to the model it is a lag of
-their channels. Instants where a channel moves less smoothly than a cubic are left out.
+is read there by a cubic through its nearest samples, at times on one clock (`solver.times`): without
+the jitter of transport, and without what is known of the skew between devices. A constant
+difference of transport that nobody measured stays: to the model it is a lag of their channels.
+Instants where a channel moves less smoothly than a cubic are left out.
 
 Owns rows in motion only; dwells are the business of `solver.samples`.
 """
@@ -19,17 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.reader import Recording
-from recordings.recording import Readings
-from solver.dwells import Track, Window
+from solver.dwells import Window
 from solver.mechanism.circumstances import Circumstances
 from solver.samples import PoseTable, track
+from solver.times import taken
 
 Array = NDArray[np.float64]
 
 _SHARES = np.array([0.35, 0.65])  # of the way of a move, at which it is read
 _HALF = 4  # samples on either side of an instant
 _DEGREE = 3
-_BLOCK = 50  # samples over which transport is averaged
 _ROUGH = 3.0  # times the noise: what a cubic may leave in a smooth motion
 _LEAST_NOISE = 0.29  # counts: rounding alone
 _STILL = 20.0  # standard deviations of a sample that some channel must move between two dwells
@@ -64,9 +62,11 @@ def with_motion(recording: Recording, table: PoseTable) -> tuple[PoseTable, Circ
         NotEnoughData: a channel has no readings.
     """
     rig = recording.rig
+    tracks = [track(recording, channel) for channel in rig.channels]
+    times = [taken(recording, channel, table.start_ns) for channel in rig.channels]
     timed = [
-        _timed(recording.readings[c.name], track(recording, c), table.start_ns)
-        for c in rig.channels
+        _Timed(when.time_s, when.uncertainty_s, samples.counts)
+        for when, samples in zip(times, tracks, strict=True)
     ]
     noise = np.maximum(table.noise, _LEAST_NOISE)
     rows: list[_Row] = []
@@ -86,27 +86,6 @@ def with_motion(recording: Recording, table: PoseTable) -> tuple[PoseTable, Circ
     gains = np.array([channel.gain.nominal for channel in rig.channels])
     joined = _joined(table, rows, windows, gains)
     return joined, joined.circumstances(rig)
-
-
-def _timed(readings: Readings, samples: Track, start_ns: int) -> _Timed:
-    """Times of a channel's samples, without the jitter of their transport where a clock is known."""
-    order = np.argsort(readings.time_ns, kind="stable")
-    host = np.asarray((readings.time_ns[order] - start_ns) * 1e-9, dtype=np.float64)
-    clock: Array | None = None
-    if readings.device_time_ns is not None:
-        clock = (readings.device_time_ns[order] - readings.device_time_ns[order][0]) * 1e-9
-    elif readings.sequence is not None:
-        steps = np.mod(np.diff(readings.sequence[order].astype(np.int64)), 2**32)
-        clock = np.concatenate([[0.0], np.cumsum(steps)]).astype(np.float64)
-    if clock is None or len(host) < 2 * _BLOCK or not np.ptp(clock):
-        intervals = np.diff(host)
-        return _Timed(host, float(np.std(intervals)) if len(intervals) else 0.0, samples.counts)
-    middle, scale = clock.mean(), np.ptp(clock)
-    line = np.stack([np.ones(len(clock)), (clock - middle) / scale], axis=1)
-    fitted = np.asarray(line @ np.linalg.lstsq(line, host, rcond=None)[0], dtype=np.float64)
-    left = host - fitted
-    blocks = left[: len(left) // _BLOCK * _BLOCK].reshape(-1, _BLOCK).mean(axis=1)
-    return _Timed(fitted, float(np.std(blocks)), samples.counts)
 
 
 def _instants(timed: list[_Timed], noise: Array, begin: float, end: float) -> Array:
