@@ -48,6 +48,7 @@ def run_bench(
     clock: Clock = time.monotonic,
     faults: Injector | None = None,
     seed: int = 0,
+    each_tick: Callable[[], None] | None = None,
 ) -> None:
     """Run the virtual devices of a rig until ``stop`` is set; takes at most `STEP_S` to end.
 
@@ -61,6 +62,7 @@ def run_bench(
         clock: monotonic time [s].
         faults: what goes wrong, and when; lines can be injected into it while the bench runs.
         seed: of all that is random in faults.
+        each_tick: called every `STEP_S` or so, in the bench's thread; may not wait.
 
     Raises:
         DeviceNotSimulated: the rig asks for what no virtual device offers.
@@ -71,7 +73,7 @@ def run_bench(
     wiring = Wiring(rig, plant, seed)
     built = build_ports(rig, wiring, ports or {})
     faults.bind(wiring)
-    bench = Bench([wiring.plug(port) for port in built], plant, clock, faults)
+    bench = Bench([wiring.plug(port) for port in built], plant, clock, faults, each_tick)
     with bench.opened():
         if ready is not None:
             ready(bench.addresses)
@@ -127,13 +129,19 @@ class Bench:
     """
 
     def __init__(
-        self, ports: list[Port], plant: Plant, clock: Clock, faults: Injector | None = None
+        self,
+        ports: list[Port],
+        plant: Plant,
+        clock: Clock,
+        faults: Injector | None = None,
+        each_tick: Callable[[], None] | None = None,
     ) -> None:
         self.addresses: Mapping[str, str] = {port.name: port.address for port in ports}
         self._ports = ports
         self._plant = plant
         self._clock = clock
         self._faults = faults
+        self._each_tick = each_tick
         self._start_s = 0.0
         self._plant_s = 0.0
         self._next_tick_s = 0.0
@@ -169,6 +177,8 @@ class Bench:
             self._move_plant(now_s)
             for port in self._ports:
                 port.tick(now_s)
+            if self._each_tick is not None:
+                self._each_tick()
             if self._faults is not None:
                 self._faults.advance(now_s)
             # From now, not from when it was due: a bench that was held up does not race.

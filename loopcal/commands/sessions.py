@@ -52,12 +52,32 @@ def sim(
     hide: HideOption = None,
     seed: SeedOption = 1,
     truth: TruthOption = None,
+    faults: Annotated[
+        Path | None,
+        typer.Option(
+            "--faults",
+            metavar="SCRIPT",
+            help="Let happen what a fault script says, such as: at 3 s unplug wrist-adc for 2 s",
+        ),
+    ] = None,
+    live: Annotated[
+        bool,
+        typer.Option("--live", help="Take lines of a fault script from the standard input too."),
+    ] = False,
 ) -> None:
-    """Run the rig's devices virtually, on real ports, until Ctrl-C."""
+    """Run the rig's devices virtually, on real ports, until Ctrl-C; with faults, if you like."""
     from loopcal.bench import run_sim
 
     with explained():
-        run_sim(rig, ports_by_name(port), tuple(hide or ()), seed, truth)
+        run_sim(
+            rig,
+            ports_by_name(port),
+            tuple(hide or ()),
+            seed,
+            truth,
+            script=faults,
+            live=live,
+        )
 
 
 def capture(

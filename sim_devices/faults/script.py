@@ -47,7 +47,7 @@ class Order:
         ends: whether it ends what was begun.
         amount: how much [per cent, 1/s, number, or s], None where there is none.
         for_s: how long [s], None until it is ended.
-        text: the line as it was written.
+        text: the line as it was written, without its time.
     """
 
     at_s: float | None
@@ -98,18 +98,20 @@ class _Line:
         self._text = " ".join(words)
         self._at = 0
         self._number = number
+        self._said = self._text
         self._targets = targets(rig)
 
     def order(self) -> Order:
         at_s = self._time("at") if self._take("at") else None
+        self._said = " ".join(self._words[self._at :])
         if self._take(REPLUG):
             fault = FAULTS["unplug"]
-            order = Order(at_s, fault, self._target(fault), ends=True, text=self._text)
+            order = Order(at_s, fault, self._target(fault), ends=True, text=self._said)
         elif self._take(END):
             fault = self._fault()
             if not fault.lasts:
                 raise self._wrong(f"'{fault.verb}' happens once and has no end", back=1)
-            order = Order(at_s, fault, self._target(fault), ends=True, text=self._text)
+            order = Order(at_s, fault, self._target(fault), ends=True, text=self._said)
         else:
             order = self._begin(at_s)
         if self._at < len(self._words):
@@ -123,7 +125,7 @@ class _Line:
         for_s: float | None = None
         if fault.lasts and self._take("for"):
             for_s = self._time("for")
-        return Order(at_s, fault, target, amount=amount, for_s=for_s, text=self._text)
+        return Order(at_s, fault, target, amount=amount, for_s=for_s, text=self._said)
 
     def _fault(self) -> FaultType:
         known = sorted(FAULTS)

@@ -41,7 +41,7 @@ def test_a_script_is_lines_in_order(arm: Rig) -> None:
         (None, "unplug", "wrist-adc", True, None, None),
         (None, "restart", "drive1", False, None, None),
     ]
-    assert orders[0].text == "at 3 s unplug wrist-adc for 2 s"
+    assert orders[0].text == "unplug wrist-adc for 2 s"
 
 
 def test_every_fault_of_the_table_can_be_written(arm: Rig) -> None:
