@@ -163,7 +163,7 @@ def _facts(found: Survey) -> list[tuple[str, str]]:
     facts.append(("start", _utc(start_ns(found)) if start_ns(found) else "unknown"))
     facts.append(("duration", _duration((end_ns(found) - start_ns(found)) / _SECOND)))
     size = sum(file.size for file in files)
-    facts.append(("size", f"{_size(size)}, {sum(file.blocks for file in files)} chunks"))
+    facts.append(("size", _size(size)))
     if len(files) > 1 or files[0].part.number > 1:
         first, last = files[0].part.number, files[-1].part.number
         which = f"{first} to {last}" if last > first else str(first)

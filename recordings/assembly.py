@@ -1,25 +1,21 @@
 """Blocks of a file -> readings by channel and events: what a recording is put together from.
 
-Owns the meaning of topics on the reading side. Blocks are decoded in windows of a MiB, so
-that the work an array needs is shared by many small chunks; what stays in memory is the
-decoded columns.
+Owns the meaning of topics on the reading side. Blocks are decoded in windows, so that the
+work an array needs is shared by many small chunks; what stays in memory is the decoded
+columns.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recordings import codec, columns, records
 from recordings.chunks import CHANNEL, SCHEMA, Block, Damage
 from recordings.errors import NotARecording
 from recordings.events import Event
 from recordings.gathering import Gathered
-from recordings.offsets import record_offsets
 from recordings.recording import Readings
-
-WINDOW_BYTES = 1024 * 1024
-"""Uncompressed bytes that are decoded at a time."""
+from recordings.window import Records, Window
 
 _UNDECLARED, _FOREIGN, _EVENT, _READING = range(4)
 
@@ -35,8 +31,7 @@ class Assembly:
         self._channels: dict[int, records.Channel] = {}
         self._topics: dict[int, tuple[codec.Kind, str]] = {}
         self._sorts = np.zeros(2**16, np.uint8)
-        self._window: list[Block] = []
-        self._window_bytes = 0
+        self._window = Window()
         self._gathered: dict[str, Gathered] = {}
 
     def add(self, block: Block) -> None:
@@ -45,10 +40,7 @@ class Assembly:
         Raises:
             NotARecording: a topic of the format carries something else.
         """
-        self._window.append(block)
-        self._window_bytes += len(block.data)
-        if self._window_bytes >= WINDOW_BYTES:
-            self._decode()
+        self._decode(self._window.add(block))
 
     def finish(self) -> None:
         """Decode what is still waiting; call it after the last block.
@@ -56,7 +48,7 @@ class Assembly:
         Raises:
             NotARecording: a topic of the format carries something else.
         """
-        self._decode()
+        self._decode(self._window.rest())
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -108,15 +100,11 @@ class Assembly:
         self._topics[channel.id] = topic
         self._sorts[channel.id] = _READING if kind is codec.READING else _EVENT
 
-    def _decode(self) -> None:
-        """Decode the window and empty it."""
-        if not self._window:
+    def _decode(self, taken: Records | None) -> None:
+        if taken is None:
             return
-        first = self._window[0].offset
-        data = b"".join(block.data for block in self._window)
-        offsets = self._offsets(data)
-        self._window.clear()
-        self._window_bytes = 0
+        first, data, offsets = taken.offset, taken.data, taken.offsets
+        self.damage += taken.damage
         opcodes = np.frombuffer(data, np.uint8)[offsets]
         for at in offsets[(opcodes == SCHEMA) | (opcodes == CHANNEL)].tolist():
             self._define(data, at, first)
@@ -129,21 +117,6 @@ class Assembly:
         readings = sound & (sorts == _READING)
         self._decode_readings(found if readings.all() else found.take(readings), first)
         self._decode_events(found.take(sound & (sorts == _EVENT)), first)
-
-    def _offsets(self, data: bytes) -> NDArray[np.int64]:
-        """Where the records of the window begin; says where a block ends inside one."""
-        ends = np.cumsum([len(block.data) for block in self._window])
-        offsets, end = record_offsets(data)
-        bounds = np.append(offsets, end)
-        if end == len(data) and np.all(bounds[np.searchsorted(bounds, ends)] == ends):
-            return offsets
-        found = []
-        for block, block_end in zip(self._window, ends.tolist(), strict=True):
-            own, end = record_offsets(block.data)
-            if end < len(block.data):
-                self.damage.append(Damage(block.offset, "a block that ends inside a record"))
-            found.append(own + (block_end - len(block.data)))
-        return np.concatenate(found)
 
     def _decode_readings(self, found: columns.Messages, first: int) -> None:
         unreadable = 0

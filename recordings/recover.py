@@ -17,13 +17,13 @@ from recordings import columns
 from recordings.chunks import Block, scan
 from recordings.container import Container
 from recordings.errors import DiskFailed, HopelessRecording
-from recordings.offsets import record_offsets
 from recordings.part import NEXT_METADATA, PART_METADATA
 from recordings.part_file import PROFILE, RIG_ATTACHMENT
 from recordings.rig import parse_rig
 from recordings.session import METADATA_NAME, SOFTWARE
 from recordings.storage import RecordingFile, Sync, disk_error
 from recordings.survey import RECOVERY_METADATA, Survey, survey
+from recordings.window import Records, Window
 from recordings.wire import HEADER_SIZE
 
 _SHOWN_LINES = 200
@@ -71,9 +71,8 @@ def recover(
     if rig_toml is not None:
         parse_rig(rig_toml, "the rig that was given")
     found = survey(source, lambda share: on_progress(share / 2))
-    if rig_toml is None and found.rig_toml is None:
-        raise HopelessRecording(f"'{source}': {found.hopeless}")
-    if not any(file.blocks for file in found.files):
+    lost_rig_is_given = found.rig_toml is None and rig_toml is not None
+    if found.hopeless and not (lost_rig_is_given and found.has_messages):
         raise HopelessRecording(f"'{source}': {found.hopeless}")
     file = RecordingFile(Path(target), Sync.CLOSE)
     try:
@@ -120,11 +119,13 @@ def _copy(
     messages = 0
     for number, each in enumerate(found.files):
         with each.path.open("rb") as source:
+            window = Window()
             for item in scan(source, each.size):
                 if isinstance(item, Block):
-                    messages += _copy_block(item.data, container)
+                    messages += _copy_records(window.add(item), container)
                     share = source.tell() / max(1, each.size)
                     on_progress((number + share) / len(found.files))
+            messages += _copy_records(window.rest(), container)
     container.end_chunk()
     container.attach(RIG_ATTACHMENT, "application/toml", rig, start_ns)
     container.add_metadata(METADATA_NAME, dict(session))
@@ -132,14 +133,15 @@ def _copy(
     return messages, container.size
 
 
-def _copy_block(data: bytes, container: Container) -> int:
+def _copy_records(taken: Records | None, container: Container) -> int:
     """Messages copied: those whose channel is known and whose time can be."""
-    offsets, _ = record_offsets(data)
-    messages = columns.messages(data, offsets)
+    if taken is None:
+        return 0
+    messages = columns.messages(taken.data, taken.offsets)
     known = np.isin(messages.channel_id, container.channel_ids) & (messages.time_ns >= 0)
     kept = messages if known.all() else messages.take(known)
     start = kept.start - HEADER_SIZE
-    container.add_copies(data, start, kept.start + kept.size, kept.channel_id, kept.time_ns)
+    container.add_copies(taken.data, start, kept.start + kept.size, kept.channel_id, kept.time_ns)
     return len(start)
 
 

@@ -20,7 +20,6 @@ from recordings.definitions import Definitions
 from recordings.errors import NotARecording, NothingReadable, RecordingError, RigError
 from recordings.events import ClockSample, Dwell, Event, Fault, LedgerEntry, Mark
 from recordings.joining import next_path
-from recordings.offsets import record_offsets
 from recordings.part import FIRST_PART, Part
 from recordings.part_file import PROFILE, RIG_ATTACHMENT
 from recordings.reader import one_byte_off
@@ -28,6 +27,7 @@ from recordings.records import Malformed
 from recordings.rig import Rig, parse_rig
 from recordings.session import METADATA_NAME, Session, from_metadata
 from recordings.tally import ReadingTally, Tally
+from recordings.window import Records, Window
 from recordings.wire import HEADER_SIZE, unaligned
 
 RECOVERY_METADATA = "loopcal.recovery"
@@ -45,7 +45,6 @@ class File:
         size: bytes.
         part: which part it is.
         closed: whether it ends as a closed file does.
-        blocks: whole chunks, and rows of records outside chunks.
         library: the program that wrote it.
         damage: what is wrong with it.
     """
@@ -54,7 +53,6 @@ class File:
     size: int
     part: Part
     closed: bool
-    blocks: int
     library: str
     damage: tuple[Damage, ...]
 
@@ -116,9 +114,14 @@ class Survey:
         """Why nothing of it can be used, or ""."""
         if self.rig_toml is None:
             return "the rig description is lost, everywhere it stood"
-        if not any(file.blocks for file in self.files):
-            return "it holds no whole chunk"
+        if self.damage and not self.has_messages:
+            return "no message of it can be read"
         return ""
+
+    @property
+    def has_messages(self) -> bool:
+        """Whether any message can be read."""
+        return any(tally.count for tally in self.topics.values())
 
     def channel(self, name: str) -> Tally:
         """Sums over the readings of a channel of the rig."""
@@ -163,7 +166,7 @@ class _Walk:
         self._session: Session | None = None
         self._part = FIRST_PART
         self._library = ""
-        self._blocks = 0
+        self._window = Window()
         self._definitions = Definitions()
         self._topics: dict[str, Tally] = {}
         self._readings: dict[str, ReadingTally] = {}
@@ -174,7 +177,7 @@ class _Walk:
     def take(self, path: Path) -> None:
         """Walk through one file; raises as `survey` does."""
         damage: list[Damage] = []
-        self._part, self._library, self._blocks = FIRST_PART, "", 0
+        self._part, self._library = FIRST_PART, ""
         try:
             status = path.stat()
             if not stat.S_ISREG(status.st_mode):
@@ -185,6 +188,7 @@ class _Walk:
                 for item in scan(file, status.st_size):
                     damage += self._take(path, item)
                     self._on_progress(file.tell() / max(1, status.st_size))
+                damage += self._count(self._window.rest())
         except FileNotFoundError as error:
             raise NotARecording(f"there is no file '{path}'") from error
         except Malformed as error:
@@ -201,7 +205,6 @@ class _Walk:
                 size=status.st_size,
                 part=self._part,
                 closed=closed,
-                blocks=self._blocks,
                 library=self._library,
                 damage=tuple(sorted(damage, key=lambda each: each.offset)),
             )
@@ -268,7 +271,7 @@ class _Walk:
             case Metadata(name, pairs):
                 return self._describe(name, pairs)
             case Block():
-                return self._count(item)
+                return self._count(self._window.add(item))
             case Damage():
                 return [item]
         return []
@@ -286,23 +289,20 @@ class _Walk:
             return [Damage(0, f"metadata '{name}': {error}")]
         return []
 
-    def _count(self, block: Block) -> list[Damage]:
-        offsets, end = record_offsets(block.data)
-        damage = [
-            Damage(block.offset, text) for text in self._definitions.take(block.data, offsets)
-        ]
-        if end < len(block.data):
-            damage.append(Damage(block.offset, "a block that ends inside a record"))
-        found = columns.messages(block.data, offsets)
-        self._blocks += bool(len(found.start))
-        sequence = unaligned(block.data, "<u4", 11)[found.start - HEADER_SIZE]
+    def _count(self, taken: Records | None) -> list[Damage]:
+        if taken is None:
+            return []
+        wrong = self._definitions.take(taken.data, taken.offsets)
+        damage = [*taken.damage, *(Damage(taken.offset, text) for text in wrong)]
+        found = columns.messages(taken.data, taken.offsets)
+        sequence = unaligned(taken.data, "<u4", 11)[found.start - HEADER_SIZE]
         for channel_id in np.unique(found.channel_id).tolist():
             rows = np.flatnonzero((found.channel_id == channel_id) & (found.time_ns >= 0))
             channel = self._definitions.channels.get(channel_id)
             if channel is None:
                 self._undeclared += len(rows)
                 text = f"{len(rows)} messages of channel {channel_id}, which is not defined"
-                damage.append(Damage(block.offset, text))
+                damage.append(Damage(taken.offset, text))
                 continue
             tally = self._tally(channel.topic)
             tally.add(found.time_ns[rows], sequence[rows])
@@ -310,7 +310,7 @@ class _Walk:
             if topic is None:
                 self._other += len(rows)
             else:
-                damage += self._look(*topic, found.take(rows), block.offset)
+                damage += self._look(*topic, found.take(rows), taken.offset)
         return damage
 
     def _tally(self, topic: str) -> Tally:

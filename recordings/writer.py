@@ -10,7 +10,6 @@ from __future__ import annotations
 import struct
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -66,7 +65,8 @@ class Writer:
         self._time_ns = self._part_start_ns = session.start_ns
         self._ledger = Ledger()
         self._closed = False
-        if self._storage.rotate_bytes is not None or self._storage.rotate_s is not None:
+        self._rotates = self._storage.rotate_bytes is not None or self._storage.rotate_s is not None
+        if self._rotates:
             _refuse_old_parts(self._first_path)
         self._file = self._open(FIRST_PART)
         self._begun_bytes = self._file.container.size
@@ -105,6 +105,10 @@ class Writer:
                 the recording is closed.
             DiskFailed: the disk is full or failed, and the recording ends here.
         """
+        if isinstance(event, Reading):  # nearly all events are: no detours for them
+            self._append(codec.READING, event.channel, event)
+            self._turn_if_due()
+            return
         kind = codec.kind_of(event)
         subject = "" if kind.subject is None else str(getattr(event, kind.subject))
         if isinstance(event, ModeCommand | ModeReport) and event.joint not in self._joint_names:
@@ -268,6 +272,8 @@ class Writer:
 
     def _turn_if_due(self) -> None:
         """Go on in the next part where this one is large or long enough."""
+        if not self._rotates:
+            return
         size, seconds = self._storage.rotate_bytes, self._storage.rotate_s
         grown = self._file.container.size > self._begun_bytes
         due = size is not None and self._file.container.size >= size
@@ -284,7 +290,7 @@ class Writer:
             new = self._open(part)
         except RecordingError as error:
             # Better a part that is too long than none: the session goes on in this one.
-            self._storage = replace(self._storage, rotate_bytes=None, rotate_s=None)
+            self._rotates = False
             text = f"no further part was begun: {error}"
             fault = Fault(self._time_ns, "recording", "rotation", text)
             self._append(codec.kind_of(fault), "", fault)
