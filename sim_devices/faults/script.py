@@ -140,7 +140,7 @@ class _Line:
 
     def _target(self, fault: FaultType) -> str:
         fitting = sorted(n for n, kinds in self._targets.items() if kinds & set(fault.befalls))
-        befalls = " or ".join(fault.befalls)
+        befalls = fault.target
         known = ", ".join(fitting) or "(this rig has none)"
         word = self._next(f"{befalls}: {known}")
         if word not in self._targets:

@@ -53,6 +53,15 @@ class FaultType:
     lasts: bool
     text: str
 
+    @property
+    def target(self) -> str:
+        """What it can befall, in words."""
+        words: list[str] = list(self.befalls)
+        for group, word in ((PORTS, "a port"), (DEVICES, "a device")):
+            if set(group) <= set(self.befalls):
+                words = [word, *(each for each in words if each not in group)]
+        return " or ".join(words)
+
 
 FAULTS: Mapping[str, FaultType] = {
     fault.verb: fault

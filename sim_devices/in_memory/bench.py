@@ -6,18 +6,17 @@ import itertools
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
-from typing import Any
 
 import serial  # type: ignore[import-untyped]
 
-from recordings.rig import CanPort, Rig, SerialPort, TcpPort
+from recordings.rig import Rig
 from sim_devices.bench import STEP_S, build_ports
-from sim_devices.errors import DeviceNotSimulated
 from sim_devices.faults.injector import Injector
 from sim_devices.faults.plug import Plug
 from sim_devices.faults.wiring import Wiring
 from sim_devices.in_memory.port import MemoryPort, attempts
 from sim_devices.line import Line
+from sim_devices.moving import moved_rig
 from sim_devices.plant_seam import Plant
 from sim_devices.port import Port
 from sim_devices.virtual_time import VirtualClock, time_is
@@ -38,6 +37,7 @@ class MemoryBench:
 
     Attributes:
         rig: the rig for the host: the same, with the ports at their addresses in memory.
+        faults: injects faults.
 
     Raises:
         DeviceNotSimulated: the rig asks for what no virtual device offers.
@@ -53,19 +53,17 @@ class MemoryBench:
     ) -> None:
         self._clock = clock
         self._plant = plant
-        self._faults = faults or Injector(rig)
+        self.faults = faults or Injector(rig)
         wiring = self._wiring = Wiring(rig, plant, seed)
         number = next(_numbers)
         paths = {port.name: f"{number}/{port.name}" for port in rig.ports}
         self._made: list[MemoryPort] = []
         built = build_ports(rig, wiring, paths, self._port)
         self._ports = [wiring.plug(port) for port in built]
-        self._faults.bind(wiring)
+        self.faults.bind(wiring)
         addresses = {port.name: port.address for port in built}
         self._addresses = addresses
-        self.rig = rig.model_copy(
-            update={"ports": tuple(_moved(port, addresses[port.name]) for port in rig.ports)}
-        )
+        self.rig = moved_rig(rig, addresses)
 
     def _port(self, name: str, path: str, line: Line) -> Port:
         port = MemoryPort(name, path, line)
@@ -109,17 +107,4 @@ class MemoryBench:
         self._plant.advance(now_s)
         for port in self._ports:
             port.tick(now_s)
-        self._faults.advance(now_s)
-
-
-def _moved(port: CanPort | SerialPort | TcpPort, address: str) -> CanPort | SerialPort:
-    if isinstance(port, CanPort):
-        moved = {"interface": "slcan", "channel": address}
-        # The options of another interface mean nothing to an slcan adapter.
-        kept: dict[str, Any] = {} if port.interface == "slcan" else {"options": {}}
-        return port.model_copy(update={**moved, **kept})
-    if isinstance(port, SerialPort):
-        return port.model_copy(update={"path": address})
-    raise DeviceNotSimulated(
-        f"port '{port.name}' is of kind '{port.kind}', which has no place in memory"
-    )
+        self.faults.advance(now_s)

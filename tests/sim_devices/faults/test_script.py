@@ -77,7 +77,7 @@ def test_every_fault_of_the_table_can_be_written(arm: Rig) -> None:
         ("unplug wrist-acd", ["word 2, 'wrist-acd'", "arm-can, arm-wrist", "mean 'wrist-adc'?"]),
         ("unplug", ["ends too early", "wrist-adc"]),
         ("bus-off encoder1", ["'encoder1'", "that is a device on a CAN port", "rig: arm-can"]),
-        ("corrupt encoder1 5 %", ["'corrupt' befalls a CAN port or a serial or TCP port"]),
+        ("corrupt encoder1 5 %", ["'corrupt' befalls a port or a device on a serial or TCP port"]),
         ("corrupt wrist-adc", ["ends too early", "'corrupt' needs 'P %'"]),
         ("corrupt wrist-adc 5", ["the end", "such as '10 %'"]),
         ("corrupt wrist-adc 500 %", ["above 0 and at most 100"]),
