@@ -6,22 +6,27 @@ Model: a reading taken at device time d arrives at the host time
 
 where the delay has a shortest value, which one-way times cannot tell from the offset: what is
 estimated is offset + shortest delay. Delays have a long tail and a sharp floor, so the floor is
-followed and not the mean: of each block of `BLOCK_S` only the smallest h - d counts (minimum
-filtering). A straight line through these minima over the last `BLOCKS` blocks, by least squares
-after those far from a median line (Theil-Sen) are left out, gives offset and drift.
+followed and not the mean:
 
-What is left of the delay in the minima: of n delays with a density above 0 at the floor, the
-smallest is exponential about the floor, its mean above it equal to its standard deviation. The
-scatter s of the minima about the line is therefore taken off as their mean, and counts as the
-uncertainty of that. A device clock that counts in steps of Q (found as the greatest common
-divisor of the times that it gave, at most `LONGEST_STEP_NS`: samples taken like clockwork have
-a divisor without being rounded to it) is late by anything in [0, Q): Q/2 is taken off,
-Q / sqrt(12) is its uncertainty, and a step that comes or does not come within the time T of the
-line leaves the drift uncertain by Q / (sqrt(3) T).
+1. Of each block of `BLOCK_S` only the smallest h - d counts (minimum filtering), and of those
+   minima over the last `BLOCKS` blocks the ones near a line of median slope (Theil-Sen): a block
+   in which the host was busy all the time, or a garbled time, is left out.
+2. The line below all minima with the least area (Moon, Skelly & Towsley, INFOCOM 1999) is the
+   edge of their lower convex hull that spans the mean time: offset and drift.
+3. Its uncertainty is that of a straight line through as many points with the scatter of the
+   minima about it, wider than the hull deserves where delays have a density at their floor, and
+   about right where they have none; `REACHED` of the scatter is added for the floor itself.
+   Neighbouring minima that are alike (a busy spell, the teeth of a coarse clock) are worth fewer
+   than they are: the scatter grows by sqrt((1 + r) / (1 - r)), r their correlation.
 
-The line assumes a constant drift over a minute. Neighbouring minima that are alike (a busy
-spell, the teeth of a coarse clock) are worth fewer than they are: the scatter grows by
-sqrt((1 + r) / (1 - r)), r their correlation. A device whose time went back, or that
+A device clock that counts in steps of Q (found as the greatest common divisor of the times that
+it gave, at most `LONGEST_STEP_NS`: samples taken like clockwork have a divisor without being
+rounded to it) is late by anything in [0, Q). Where samples fall anywhere between two steps, by
+drift or by the host's unpunctuality, the line lies on those that are not late. Else Q/2 is
+taken off, with an uncertainty of Q / sqrt(12). A step that comes or does not come within the time
+T of the line leaves the drift uncertain by Q / (sqrt(3) T).
+
+The line assumes a constant drift over a minute. A device whose time went back, or that
 jumped by more than `JUMP_S` against the host's, has restarted: its clock is another one.
 """
 
@@ -30,6 +35,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +66,15 @@ UNEVEN = 1.2
 DEVIATION = 1.4826
 """Standard deviation over median absolute deviation, of a normal distribution."""
 
+TEETH = 1.5
+"""Steps of a device's clock that the drift must pass for the line to lie on their lower ends."""
+
+DITHERED = 0.2
+"""Share of uneven intervals from which samples are taken to fall anywhere between two steps."""
+
+REACHED = 0.5
+"""How far from the floor the line may be, in scatters of the minima: delays can be rare there."""
+
 MOST_ALIKE = 0.9
 """Largest correlation of neighbours that is believed."""
 
@@ -80,7 +95,7 @@ class ClockEstimate:
     """
 
     device_time_ns: int
-    offset_ns: float
+    offset_ns: int
     uncertainty_ns: float
     drift: float
     drift_uncertainty: float
@@ -103,6 +118,9 @@ class DeviceClock:
         self._block_ends_ns = 0
         self._last: tuple[int, int] | None = None
         self._step_ns = 0
+        self._since_ns = 0
+        self._steps = 0
+        self._uneven = 0
 
     def add(self, device_time_ns: int, time_ns: int) -> bool:
         """A reading taken at ``device_time_ns`` came at ``time_ns``; whether a block is complete."""
@@ -114,6 +132,9 @@ class DeviceClock:
                 self._begin()
             else:
                 self._step_ns = math.gcd(self._step_ns, since_ns)
+                self._steps += 1
+                self._uneven += since_ns != self._since_ns
+                self._since_ns = since_ns
         self._last = (device_time_ns, away_ns)
         complete = False
         if self._best is None or time_ns >= self._block_ends_ns:
@@ -136,31 +157,73 @@ class DeviceClock:
         kept = _near_a_line(time_s, above_ns)
         time_s, above_ns = time_s[kept], above_ns[kept]
         count = len(time_s)
-        middle_s = float(time_s.mean())
-        spread = float(((time_s - middle_s) ** 2).sum())
-        if count < FEWEST or spread <= 0.0:
+        if count < FEWEST:
             return None
-        slope = float((time_s - middle_s) @ above_ns) / spread
-        level = float(above_ns.mean())
+        middle_s = float(time_s.mean())
+        span_s = float(np.ptp(time_s))
+        spread = float(((time_s - middle_s) ** 2).sum())
+        level, slope = _line_below(time_s - middle_s, above_ns)
         left = above_ns - level - slope * (time_s - middle_s)
-        alone = math.sqrt(float(left @ left) / (count - 2)) * UNEVEN * _student(count - 2)
-        scatter = alone * _alike(left)
+        left = left - left.mean()
+        scatter = math.sqrt(float(left @ left) / (count - 2)) * UNEVEN * _student(count - 2)
+        scatter *= _alike(left)
         now_s = (self._last[0] - first_ns) / SECOND - middle_s
         step_ns = float(min(self._step_ns, LONGEST_STEP_NS))
-        # What of the scatter is delay: the steps of the device's clock scatter too.
-        delay_ns = math.sqrt(max(0.0, alone**2 - step_ns**2 / 12.0))
-        offset_ns = away_ns + level + slope * now_s - delay_ns - step_ns / 2.0
-        statistical = scatter * math.sqrt(1.0 / count + now_s**2 / spread)
-        slope_by_steps = step_ns / (math.sqrt(3.0) * float(np.ptp(time_s)))
+        dithered = self._uneven > DITHERED * self._steps
+        rounding = _rounding(step_ns, slope, span_s, dithered=dithered)
+        statistical = scatter * math.sqrt(REACHED**2 + 1.0 / count + now_s**2 / spread)
+        # The offset has the size of an epoch: a double does not hold its nanoseconds.
+        offset_ns = away_ns + round(level + slope * now_s - rounding.late_ns)
         return ClockEstimate(
             device_time_ns=self._last[0],
             offset_ns=offset_ns,
             uncertainty_ns=math.hypot(
-                statistical, delay_ns, step_ns / math.sqrt(12.0), slope_by_steps * now_s
+                statistical, rounding.uncertainty_ns, rounding.of_slope * now_s
             ),
             drift=slope / SECOND,
-            drift_uncertainty=math.hypot(scatter / math.sqrt(spread), slope_by_steps) / SECOND,
+            drift_uncertainty=math.hypot(scatter / math.sqrt(spread), rounding.of_slope) / SECOND,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class _Rounding:
+    """What a clock that counts in steps does to the line: how late it seems, and how unsure [ns, ns/s]."""
+
+    late_ns: float
+    uncertainty_ns: float
+    of_slope: float
+
+
+def _rounding(step_ns: float, slope: float, span_s: float, *, dithered: bool) -> _Rounding:
+    of_slope = step_ns / (math.sqrt(3.0) * span_s)
+    if dithered or abs(slope) * span_s >= TEETH * step_ns:
+        return _Rounding(0.0, step_ns / math.sqrt(12.0) / TEETH, of_slope)
+    return _Rounding(step_ns / 2.0, step_ns / math.sqrt(12.0), of_slope)
+
+
+def _line_below(time_s: NDArray[np.float64], above_ns: NDArray[np.float64]) -> tuple[float, float]:
+    """Level at time 0 and slope of the line below all n points, of mean time 0, with the least area.
+
+    It is the edge of the lower convex hull that spans time 0.
+    """
+    hull: list[tuple[float, float]] = []
+    for point in sorted(zip(time_s.tolist(), above_ns.tolist(), strict=True)):
+        while len(hull) > 1 and not _turns_up(hull[-2], hull[-1], point):
+            hull.pop()
+        hull.append(point)
+    for (t0, y0), (t1, y1) in pairwise(hull):
+        if t1 >= 0.0 and t1 > t0:
+            slope = (y1 - y0) / (t1 - t0)
+            return y0 - slope * t0, slope
+    return hull[-1][1], 0.0
+
+
+def _turns_up(
+    first: tuple[float, float], second: tuple[float, float], third: tuple[float, float]
+) -> bool:
+    """Whether the way through three points, in order of time, turns to the left."""
+    (t0, y0), (t1, y1), (t2, y2) = first, second, third
+    return (t1 - t0) * (y2 - y0) > (t2 - t0) * (y1 - y0)
 
 
 def _near_a_line(time_s: NDArray[np.float64], above_ns: NDArray[np.float64]) -> NDArray[np.bool_]:

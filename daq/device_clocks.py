@@ -68,7 +68,7 @@ class DeviceClocks:
             source=device,
             time_ns=reading.time_ns,
             device_time_ns=found.device_time_ns,
-            offset_ns=round(found.offset_ns),
+            offset_ns=found.offset_ns,
             uncertainty_ns=round(found.uncertainty_ns),
             drift_ppb=round(1e9 * found.drift),
             drift_uncertainty_ppb=round(1e9 * found.drift_uncertainty),
