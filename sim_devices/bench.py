@@ -15,8 +15,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from types import FrameType
 
-from recordings.rig import CanPort, Rig
+from recordings.rig import CanPort, Rig, SerialPort, TcpPort
 from sim_devices.bus_port import BusPort
+from sim_devices.can_bus import CanBus
 from sim_devices.errors import DeviceNotSimulated
 from sim_devices.faults.injector import Injector
 from sim_devices.faults.wiring import Wiring
@@ -25,7 +26,10 @@ from sim_devices.line import Line, SlcanLine
 from sim_devices.plant_seam import Plant
 from sim_devices.port import Port
 from sim_devices.pty_port import PtyPort
+from sim_devices.socketcand import GREETING, SocketcandLine
+from sim_devices.tcp_port import TcpServerPort
 
+SOCKETCAND_PORT = 29_536
 STEP_S = 0.005
 """Devices are ticked this often, and the plant moves at least so often."""
 
@@ -85,7 +89,7 @@ def build_ports(
     rig: Rig,
     wiring: Wiring,
     paths: Mapping[str, str],
-    at: Callable[[str, str, Line], Port] = PtyPort,
+    at: Callable[[str, str, Line], Port] | None = None,
 ) -> list[Port]:
     """The ports of a rig with their devices, not open yet; raises DeviceNotSimulated.
 
@@ -93,7 +97,8 @@ def build_ports(
         rig: what to build.
         wiring: where faults take hold of it.
         paths: addresses by port name, in place of those in the rig.
-        at: makes a port that carries bytes, from its name, its address and its far end.
+        at: makes a port that carries bytes, from its name, its address and its far end; by
+            default one of the operating system.
     """
     names = [port.name for port in rig.ports]
     if not names:
@@ -105,16 +110,23 @@ def build_ports(
             )
     built: list[Port] = []
     for port in rig.ports:
-        if not isinstance(port, CanPort):
+        if isinstance(port, TcpPort):
+            path = paths.get(port.name, port.address)
+            line = wiring.line(port.name, serial_line(rig, port, wiring.plant, wiring.place))
+            built.append((at or TcpServerPort)(port.name, path, line))
+        elif isinstance(port, SerialPort):
             path = paths.get(port.name, port.path)
             line = wiring.line(port.name, serial_line(rig, port, wiring.plant, wiring.place))
-            built.append(at(port.name, _local(port.name, path), line))
+            built.append((at or port_at)(port.name, path, line))
+        elif port.interface == "socketcand" and port.name not in paths:
+            bus = wiring.bus(port.name, can_bus(rig, port, wiring.plant, wiring.place))
+            built.append(_daemon(port, bus))
         elif port.interface == "slcan" or port.name in paths:
             # python-can takes the serial baud rate behind an '@' of the channel.
             path = paths.get(port.name, port.channel.partition("@")[0])
             bus = wiring.bus(port.name, can_bus(rig, port, wiring.plant, wiring.place))
             adapter = wiring.adapter(port.name, SlcanLine(bus))
-            built.append(at(port.name, _local(port.name, path), adapter))
+            built.append((at or port_at)(port.name, path, adapter))
         else:
             bus = wiring.bus(port.name, can_bus(rig, port, wiring.plant, wiring.place))
             built.append(wiring.interface(BusPort(port, bus)))
@@ -122,11 +134,7 @@ def build_ports(
 
 
 class Bench:
-    """Ports served in turn, and a plant that moves in real time.
-
-    Attributes:
-        addresses: where hosts find the ports, by port name.
-    """
+    """Ports served in turn, and a plant that moves in real time."""
 
     def __init__(
         self,
@@ -136,7 +144,6 @@ class Bench:
         faults: Injector | None = None,
         each_tick: Callable[[], None] | None = None,
     ) -> None:
-        self.addresses: Mapping[str, str] = {port.name: port.address for port in ports}
         self._ports = ports
         self._plant = plant
         self._clock = clock
@@ -146,6 +153,11 @@ class Bench:
         self._plant_s = 0.0
         self._next_tick_s = 0.0
         self._watched: dict[str, int] = {}
+
+    @property
+    def addresses(self) -> Mapping[str, str]:
+        """Where hosts find the ports, by port name; a free TCP port is known once it is open."""
+        return {port.name: port.address for port in self._ports}
 
     @contextmanager
     def opened(self) -> Iterator[None]:
@@ -221,9 +233,23 @@ def stop_on_signals() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-def _local(name: str, path: str) -> str:
-    if "://" in path or not path:
+def port_at(name: str, address: str, line: Line) -> Port:
+    """A port that carries bytes: at a path, or listening at ``socket://HOST:PORT``.
+
+    Raises:
+        DeviceNotSimulated: the address is neither.
+    """
+    if address.startswith("socket://"):
+        return TcpServerPort(name, address, line)
+    if "://" in address or not address:
         raise DeviceNotSimulated(
-            f"port '{name}' is at '{path}', but a virtual port appears at a path; give one for it"
+            f"port '{name}' is at '{address}', but a virtual port appears at a path or listens at "
+            f"socket://HOST:PORT; give one of these for it"
         )
-    return path
+    return PtyPort(name, address, line)
+
+
+def _daemon(port: CanPort, bus: CanBus) -> Port:
+    """A socketcand daemon where the rig expects one."""
+    address = f"{port.options.get('host', '')}:{port.options.get('port', SOCKETCAND_PORT)}"
+    return TcpServerPort(port.name, address, SocketcandLine(bus, port.channel), GREETING)

@@ -1,7 +1,8 @@
 """Which virtual device answers to which driver name of a rig, and how it is built from the rig.
 
-A kind is one function in `CAN_KINDS` or `SERIAL_KINDS`; to add a kind, add its function. The
-options are those of the driver of the same name; only what concerns the wire is read here.
+A kind is one function in `CAN_KINDS`, `SERIAL_KINDS` or `TCP_KINDS`; to add a kind, add its
+function. The options are those of the driver of the same name; only what concerns the wire is
+read here and in the modules of the families.
 """
 
 from __future__ import annotations
@@ -10,28 +11,31 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from recordings.rig import CanPort, Channel, Device, Rig, SerialPort
+from recordings.rig import CanPort, Device, Rig, SerialPort, TcpPort
 from sim_devices.can_bus import CanBus, CanNode
 from sim_devices.canopen import Encoder, JointDrive
 from sim_devices.crystal import crystal_of
+from sim_devices.dbc_kinds import dbc_encoder, dbc_joint, dbc_listener
 from sim_devices.errors import DeviceNotSimulated
+from sim_devices.foreign_controller import ForeignController, canopen_words, start
 from sim_devices.line import SerialDevice, SerialLine
-from sim_devices.modbus import MOST_READ, RtuServer
-from sim_devices.modbus_adc import SETTINGS_START, AdcLayout, AdcRegisters
+from sim_devices.modbus_kinds import modbus_adc, modbus_tcp_adc
+from sim_devices.options import channels_of, option, sensed
 from sim_devices.plant_seam import Plant
+from sim_devices.stream_kinds import ascii_adc, cobs_adc
 
 Make = Callable[[Rig, Device, Plant], Any]
 
 
 def canopen_encoder(rig: Rig, device: Device, plant: Plant) -> Encoder:
     """A CiA 406 encoder. Options: ``node_id`` 1..127."""
-    channels = _channels(rig, device)
+    channels = channels_of(rig, device)
     if len(channels) != 1:
         raise DeviceNotSimulated(
             f"the encoder '{device.name}' delivers {len(channels)} channels of the rig, "
             f'expected one channel with device = "{device.name}"'
         )
-    node_id = _option(device, "node_id", 1, 127)
+    node_id = option(device, "node_id", 1, 127)
     return Encoder(node_id, device.name, channels[0], plant, crystal_of(device.name))
 
 
@@ -47,50 +51,32 @@ def canopen_joint(rig: Rig, device: Device, plant: Plant) -> JointDrive:
             f"the drive '{device.name}' moves '{device.joint}', which no channel senses; "
             f"a virtual drive needs the counts of one"
         )
-    node_id = _option(device, "node_id", 1, 127)
+    node_id = option(device, "node_id", 1, 127)
     return JointDrive(node_id, device.name, device.joint, channel, plant)
 
 
-def modbus_adc(rig: Rig, device: Device, plant: Plant) -> RtuServer:
-    """A Modbus RTU converter.
-
-    Options: ``unit_id`` 1..247, ``channels``, ``first_register``, ``counter_register`` (none
-    where absent).
-    """
-    counter: int | None = None
-    if "counter_register" in device.options:
-        counter = _option(device, "counter_register", 0, SETTINGS_START - 1)
-    layout = AdcLayout(
-        channels=_option(device, "channels", 1, MOST_READ),
-        first_register=_option(device, "first_register", 0, SETTINGS_START - 1),
-        counter_register=counter,
-    )
-    if not layout.fits:
-        raise DeviceNotSimulated(
-            f"the registers of '{device.name}' collide: counter at {layout.counter_register}, "
-            f"{layout.channels} counts from {layout.first_register}, device time in the two after "
-            f"them; they must differ and lie below 0x{SETTINGS_START:04X}"
-        )
-    signals: dict[int, str] = {}
-    for channel in _channels(rig, device):
-        if not isinstance(channel.signal, int) or not 0 <= channel.signal < layout.channels:
-            raise DeviceNotSimulated(
-                f"channel '{channel.name}' has the signal {channel.signal!r}, expected a number "
-                f"from 0 to {layout.channels - 1}: '{device.name}' has {layout.channels} channels"
-            )
-        signals[channel.signal] = channel.name
-    return RtuServer(
-        _option(device, "unit_id", 1, 247),
-        AdcRegisters(layout, signals, plant, crystal_of(device.name)),
-    )
+def canopen_listener(rig: Rig, device: Device, plant: Plant) -> ForeignController:
+    """A CiA 402 drive and the other controller that commands it. Options: ``node_id`` 1..127."""
+    drive = start(canopen_joint(rig, device, plant))
+    node_id = option(device, "node_id", 1, 127)
+    return ForeignController(drive, sensed(rig, device), plant, canopen_words(node_id))
 
 
 CAN_KINDS: dict[str, Callable[[Rig, Device, Plant], CanNode]] = {
     "canopen-encoder": canopen_encoder,
     "canopen-joint": canopen_joint,
+    "canopen-listener": canopen_listener,
+    "dbc-encoder": dbc_encoder,
+    "dbc-joint": dbc_joint,
+    "dbc-listener": dbc_listener,
 }
 SERIAL_KINDS: dict[str, Callable[[Rig, Device, Plant], SerialDevice]] = {
+    "ascii-adc": ascii_adc,
+    "cobs-adc": cobs_adc,
     "modbus-adc": modbus_adc,
+}
+TCP_KINDS: dict[str, Callable[[Rig, Device, Plant], SerialDevice]] = {
+    "modbus-adc": modbus_tcp_adc,
 }
 
 
@@ -108,9 +94,12 @@ def can_bus(rig: Rig, port: CanPort, plant: Plant, place: Place = directly) -> C
     return CanBus(_build(rig, port.name, plant, CAN_KINDS, "node_id", place))
 
 
-def serial_line(rig: Rig, port: SerialPort, plant: Plant, place: Place = directly) -> SerialLine:
-    """The virtual devices on a serial port; raises DeviceNotSimulated."""
-    return SerialLine(_build(rig, port.name, plant, SERIAL_KINDS, "unit_id", place))
+def serial_line(
+    rig: Rig, port: SerialPort | TcpPort, plant: Plant, place: Place = directly
+) -> SerialLine:
+    """The virtual devices on a serial port or a connection; raises DeviceNotSimulated."""
+    kinds = TCP_KINDS if isinstance(port, TcpPort) else SERIAL_KINDS
+    return SerialLine(_build(rig, port.name, plant, kinds, "unit_id", place))
 
 
 def _build(
@@ -127,7 +116,7 @@ def _build(
             )
         built.append(place(device, partial(_built, rig, plant, make)))
         number = device.options.get(address)
-        if number in owners:
+        if number is not None and number in owners:
             raise DeviceNotSimulated(
                 f"'{owners[number]}' and '{device.name}' on port '{port}' both have "
                 f"{address} = {number}; addresses on one port must differ"
@@ -138,17 +127,3 @@ def _build(
 
 def _built(rig: Rig, plant: Plant, make: Make, device: Device) -> Any:
     return make(rig, device, plant)
-
-
-def _channels(rig: Rig, device: Device) -> list[Channel]:
-    return [channel for channel in rig.channels if channel.device == device.name]
-
-
-def _option(device: Device, key: str, low: int, high: int) -> int:
-    value = device.options.get(key)
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        found = "missing" if value is None else repr(value)
-        raise DeviceNotSimulated(
-            f"option '{key}' of device '{device.name}' is {found}, expected {low} to {high}"
-        )
-    return value

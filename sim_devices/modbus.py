@@ -1,7 +1,7 @@
-"""A Modbus RTU server (slave) on a serial line: bytes in, bytes out, told the time.
+"""A Modbus server (slave): bytes in, bytes out, told the time; RTU on a serial line.
 
-Owns framing, CRC, function codes and exceptions; what the registers mean is a `RegisterMap`.
-Knows no port and no clock.
+Owns function codes and exceptions (`Functions`), RTU framing and CRC (`RtuServer`); what the
+registers mean is a `RegisterMap`. Knows no port and no clock.
 
     function     request -> answer
     3, 4         read holding, input registers, 1..125 of them
@@ -103,66 +103,19 @@ class LineCounts:
     foreign: int = 0
 
 
-class RtuServer:
-    """One unit on the line.
+class Functions:
+    """The function codes of one device: a request's PDU in, its answer's out."""
 
-    Attributes:
-        unit_id: 1..247.
-        counts: requests obeyed or refused, frames with a wrong CRC, requests for other units.
-    """
-
-    def __init__(self, unit_id: int, registers: RegisterMap) -> None:
-        self.unit_id = unit_id
-        self.counts = LineCounts()
+    def __init__(self, registers: RegisterMap) -> None:
         self._registers = registers
-        self._buffer = bytearray()
-        self._heard_s = 0.0
 
-    def receive(self, data: bytes, time_s: float) -> bytes:
-        """Take bytes from the line, in pieces of any size; returns what to answer."""
-        answer = self.tick(time_s)
-        self._heard_s = time_s
-        self._buffer += data
-        while (length := request_length(self._buffer)) is not None:
-            frame = bytes(self._buffer[:length])
-            if len(frame) < length or not _intact(frame):
-                break
-            del self._buffer[:length]
-            answer += self._serve(frame, time_s)
-        if len(self._buffer) > LONGEST_FRAME:
-            # Babble: keep no more than shows, at the next silence, that it is no frame.
-            del self._buffer[LONGEST_FRAME + 1 :]
-        return answer
-
-    def tick(self, time_s: float) -> bytes:
-        """Let time pass: a silence ends the frame under way; returns what to answer."""
-        if not self._buffer or time_s - self._heard_s < SILENCE_S:
-            return b""
-        frame = bytes(self._buffer)
-        self._buffer.clear()
-        if len(frame) > LONGEST_FRAME or not _intact(frame):
-            self.counts.bad_frames += 1
-            return b""
-        return self._serve(frame, time_s)
-
-    def hang_up(self) -> None:
-        """The host has let go of the port: a frame under way is forgotten."""
-        self._buffer.clear()
-
-    def _serve(self, frame: bytes, time_s: float) -> bytes:
-        unit, function, body = frame[0], frame[1], frame[2:-2]
-        if unit not in (self.unit_id, BROADCAST):
-            self.counts.foreign += 1
-            return b""
-        self.counts.requests += 1
+    def answer(self, pdu: bytes, time_s: float) -> bytes:
+        """The answer, which may be an exception; ``pdu`` has at least its function code."""
+        function = pdu[0]
         try:
-            answer = bytes([function]) + self._obey(function, body, time_s)
+            return bytes([function]) + self._obey(function, pdu[1:], time_s)
         except RequestRefused as refused:
-            answer = bytes([function | 0x80, refused.code])
-        if unit == BROADCAST:
-            return b""
-        answer = bytes([unit]) + answer
-        return answer + crc16(answer).to_bytes(2, "little")
+            return bytes([function | 0x80, refused.code])
 
     def _obey(self, function: int, body: bytes, time_s: float) -> bytes:
         if function in (READ_HOLDING, READ_INPUT):
@@ -211,6 +164,65 @@ class RtuServer:
         head = [READ_DEVICE_IDENTIFICATION, level, CONFORMITY_BASIC_INDIVIDUAL, 0, 0, len(wanted)]
         texts = [(number, objects[number].encode("ascii")) for number in wanted]
         return bytes(head) + b"".join(bytes([n, len(text)]) + text for n, text in texts)
+
+
+class RtuServer:
+    """One unit on the line.
+
+    Attributes:
+        unit_id: 1..247.
+        counts: requests obeyed or refused, frames with a wrong CRC, requests for other units.
+    """
+
+    def __init__(self, unit_id: int, registers: RegisterMap) -> None:
+        self.unit_id = unit_id
+        self.counts = LineCounts()
+        self._functions = Functions(registers)
+        self._buffer = bytearray()
+        self._heard_s = 0.0
+
+    def receive(self, data: bytes, time_s: float) -> bytes:
+        """Take bytes from the line, in pieces of any size; returns what to answer."""
+        answer = self.tick(time_s)
+        self._heard_s = time_s
+        self._buffer += data
+        while (length := request_length(self._buffer)) is not None:
+            frame = bytes(self._buffer[:length])
+            if len(frame) < length or not _intact(frame):
+                break
+            del self._buffer[:length]
+            answer += self._serve(frame, time_s)
+        if len(self._buffer) > LONGEST_FRAME:
+            # Babble: keep no more than shows, at the next silence, that it is no frame.
+            del self._buffer[LONGEST_FRAME + 1 :]
+        return answer
+
+    def tick(self, time_s: float) -> bytes:
+        """Let time pass: a silence ends the frame under way; returns what to answer."""
+        if not self._buffer or time_s - self._heard_s < SILENCE_S:
+            return b""
+        frame = bytes(self._buffer)
+        self._buffer.clear()
+        if len(frame) > LONGEST_FRAME or not _intact(frame):
+            self.counts.bad_frames += 1
+            return b""
+        return self._serve(frame, time_s)
+
+    def hang_up(self) -> None:
+        """The host has let go of the port: a frame under way is forgotten."""
+        self._buffer.clear()
+
+    def _serve(self, frame: bytes, time_s: float) -> bytes:
+        unit = frame[0]
+        if unit not in (self.unit_id, BROADCAST):
+            self.counts.foreign += 1
+            return b""
+        self.counts.requests += 1
+        answer = self._functions.answer(frame[1:-2], time_s)
+        if unit == BROADCAST:
+            return b""
+        answer = bytes([unit]) + answer
+        return answer + crc16(answer).to_bytes(2, "little")
 
 
 def request_length(data: bytes | bytearray) -> int | None:

@@ -1,12 +1,15 @@
-"""A virtual analogue-to-digital converter: the register map behind a Modbus RTU server.
+"""A virtual analogue-to-digital converter: the register map behind a Modbus server.
 
-Input registers (function 4), and the same values as holding registers (function 3); the
-addresses come from the device's options in the rig:
+Input registers (function 4), and the same values as holding registers (function 3); addresses,
+types and orders come from the device's options in the rig:
 
-    counter_register             sample counter, uint16; none where the option is absent
-    first_register + k           raw count of signal k = 0 .. channels - 1, uint16, or int16 in
-                                 two's complement where a channel goes below 0
-    first_register + channels    device time since power on [100 us], uint32, high word first
+    counter_register    sample counter; none where the option is absent
+    signals             raw counts, in two's complement where a channel goes below 0; of a
+                        float32, counts times the resolution
+    time_register       device time since power on; where the option is absent, behind the
+                        signals: uint32 [100 us], high word first
+
+Registers between these read 0.
 
 Holding registers (functions 3, 6, 16):
 
@@ -22,6 +25,7 @@ measures read 0. Identification (function 43/14): vendor "loopcal virtual", prod
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -38,31 +42,76 @@ IDENTIFICATION = {0: "loopcal virtual", 1: "modbus-adc", 2: "1.0"}
 
 
 @dataclass(frozen=True, slots=True)
+class Cell:
+    """A number in one register or two.
+
+    Attributes:
+        address: of its first register.
+        kind: "uint16", "int16", "uint32", "int32" or "float32".
+        order: where its bytes A (highest) to D are: "ABCD", "CDAB", "BADC" or "DCBA".
+    """
+
+    address: int
+    kind: str = "uint16"
+    order: str = "ABCD"
+
+    @property
+    def addresses(self) -> range:
+        """Its registers."""
+        return range(self.address, self.address + (1 if self.kind.endswith("16") else 2))
+
+    def words(self, value: float) -> list[int]:
+        """The values of its registers."""
+        size = 2 * len(self.addresses)
+        if self.kind == "float32":
+            data = struct.pack(">f", value)
+        else:
+            data = (round(value) & ((1 << 8 * size) - 1)).to_bytes(size, "big")
+        letters = self.order if size == 4 else {"BADC": "BA", "DCBA": "BA"}.get(self.order, "AB")
+        data = bytes(data["ABCD".index(letter)] for letter in letters)
+        return [int.from_bytes(data[at : at + 2], "big") for at in range(0, size, 2)]
+
+
+@dataclass(frozen=True, slots=True)
 class AdcLayout:
     """Where the registers are; options of the rig's device.
 
     Attributes:
-        channels: number of signals.
-        first_register: address of signal 0.
-        counter_register: address of the sample counter, or None where there is none.
+        signals: by what a channel calls them.
+        time: device time.
+        counter: sample counter, or None where there is none.
+        ticks_per_s: of device time.
+        resolution: what one count is in a float.
     """
 
-    channels: int
-    first_register: int
-    counter_register: int | None = None
+    signals: Mapping[int | str, Cell]
+    time: Cell
+    counter: Cell | None = None
+    ticks_per_s: float = TICKS_PER_S
+    resolution: float = 1.0
+
+    @classmethod
+    def in_a_row(
+        cls, channels: int, first_register: int, counter_register: int | None = None
+    ) -> AdcLayout:
+        """The plainest: 16 bits a signal, one behind the other, device time in two behind them."""
+        return cls(
+            signals={k: Cell(first_register + k) for k in range(channels)},
+            time=Cell(first_register + channels, "uint32"),
+            counter=None if counter_register is None else Cell(counter_register),
+        )
 
     @property
-    def time_register(self) -> int:
-        """Address of the high word of device time."""
-        return self.first_register + self.channels
+    def cells(self) -> list[Cell]:
+        """All of them."""
+        counter = [] if self.counter is None else [self.counter]
+        return [*self.signals.values(), self.time, *counter]
 
     @property
     def fits(self) -> bool:
         """Whether all registers differ and lie below the settings."""
-        measured = range(self.first_register, self.time_register + 2)
-        counter = self.counter_register
-        below = max(measured.stop, 0 if counter is None else counter + 1) <= SETTINGS_START
-        return below and counter not in measured
+        taken = [address for cell in self.cells for address in cell.addresses]
+        return len(set(taken)) == len(taken) and max(taken) < SETTINGS_START
 
 
 class AdcRegisters:
@@ -71,7 +120,7 @@ class AdcRegisters:
     def __init__(
         self,
         layout: AdcLayout,
-        signals: Mapping[int, str],
+        signals: Mapping[int | str, str],
         plant: Plant,
         crystal: Crystal = PERFECT,
     ) -> None:
@@ -81,18 +130,16 @@ class AdcRegisters:
         self._plant = plant
         self._samples = 0
         self._settings = {AVERAGING_REGISTER: 1, TAG_REGISTER: 0}
-        first = layout.first_register
-        self._measured = set(range(first, first + layout.channels + 2))
-        if layout.counter_register is not None:
-            self._measured.add(layout.counter_register)
+        taken = [address for cell in layout.cells for address in cell.addresses]
+        self._measured = range(min(taken), max(taken) + 1)
 
     def read_input(self, address: int, count: int, time_s: float) -> Sequence[int]:
         """Take a sample; raises RequestRefused outside the first group."""
         wanted = range(address, address + count)
-        if not self._measured.issuperset(wanted):
+        if wanted[0] not in self._measured or wanted[-1] not in self._measured:
             raise RequestRefused(ExceptionCode.ILLEGAL_DATA_ADDRESS)
         sample = self._sample(time_s)
-        return [sample[register] for register in wanted]
+        return [sample.get(register, 0) for register in wanted]
 
     def read_holding(self, address: int, count: int, time_s: float) -> Sequence[int]:
         """The settings, or a sample; raises RequestRefused for an address of neither."""
@@ -117,18 +164,19 @@ class AdcRegisters:
     def _sample(self, time_s: float) -> dict[int, int]:
         layout = self._layout
         self._samples += 1
-        ticks = int(self._crystal.elapsed(time_s) * TICKS_PER_S)
-        sample = {
-            layout.time_register: ticks >> 16 & 0xFFFF,
-            layout.time_register + 1: ticks & 0xFFFF,
+        values: dict[Cell, float] = {layout.time: int(self._crystal.elapsed(time_s) * layout.ticks_per_s)}
+        if layout.counter is not None:
+            values[layout.counter] = self._samples
+        for signal, cell in layout.signals.items():
+            scale = layout.resolution if cell.kind == "float32" else 1
+            values[cell] = self._convert(signal) * scale
+        return {
+            register: word
+            for cell, value in values.items()
+            for register, word in zip(cell.addresses, cell.words(value), strict=True)
         }
-        if layout.counter_register is not None:
-            sample[layout.counter_register] = self._samples & 0xFFFF
-        for signal in range(layout.channels):
-            sample[layout.first_register + signal] = self._convert(signal) & 0xFFFF
-        return sample
 
-    def _convert(self, signal: int) -> int:
+    def _convert(self, signal: int | str) -> int:
         channel = self._signals.get(signal)
         if channel is None:
             return 0

@@ -14,7 +14,9 @@ class Port(Protocol):
     """
 
     name: str
-    address: str
+
+    @property
+    def address(self) -> str: ...
 
     def open(self) -> None:
         """Appear at the address; raises PortTaken or PortUnavailable."""

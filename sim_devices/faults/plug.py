@@ -18,10 +18,14 @@ class Plug:
 
     def __init__(self, port: Port) -> None:
         self.name = port.name
-        self.address = port.address
         self.plugged = True
         self._port = port
         self._present = False
+
+    @property
+    def address(self) -> str:
+        """Where a host finds it."""
+        return self._port.address
 
     def open(self) -> None:
         """Appear at the address; raises PortTaken or PortUnavailable."""

@@ -58,7 +58,7 @@ def test_line_of_the_shoulder(plant) -> None:
         ("arm", ("counter_register = 0", "counter_register = 3"), "collide"),
         ("arm", ("unit_id = 1", "unit_id = 248"), "expected 1 to 247"),
         ("arm", ("channels = 2", "channels = true"), "'channels'"),
-        ("arm", ('"/tmp/loopcal-arm-wrist"', '"socket://localhost:1"'), "appears at a path"),
+        ("arm", ('"/tmp/loopcal-arm-wrist"', '"rfc2217://localhost:1"'), "appears at a path"),
     ],
 )
 def test_what_cannot_be_built_is_named(rig, edit, words, plant) -> None:

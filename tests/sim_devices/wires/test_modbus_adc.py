@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 
 from sim_devices.modbus import ExceptionCode, RequestRefused
-from sim_devices.modbus_adc import AdcLayout, AdcRegisters
+from sim_devices.modbus_adc import AdcLayout, AdcRegisters, Cell
 
 
 @pytest.fixture
 def registers(plant) -> AdcRegisters:
     plant.counts = {"q6": 2048, "q7": -2}
-    return AdcRegisters(AdcLayout(3, 1, 0), {0: "q6", 1: "q7"}, plant)
+    return AdcRegisters(AdcLayout.in_a_row(3, 1, 0), {0: "q6", 1: "q7"}, plant)
 
 
 def test_one_read_gives_all(registers: AdcRegisters) -> None:
@@ -71,14 +71,14 @@ def test_refused_write_changes_nothing(registers, address, values, code) -> None
 @pytest.mark.parametrize(
     ("layout", "fits"),
     [
-        (AdcLayout(2, 1, 0), True),
-        (AdcLayout(2, 0), True),
-        (AdcLayout(2, 0, 4), True),
-        (AdcLayout(2, 0, 3), False),
-        (AdcLayout(2, 10, 9), True),
-        (AdcLayout(2, 0xEFFC), True),
-        (AdcLayout(2, 0xEFFD), False),
-        (AdcLayout(2, 0, 0xF000), False),
+        (AdcLayout.in_a_row(2, 1, 0), True),
+        (AdcLayout.in_a_row(2, 0), True),
+        (AdcLayout.in_a_row(2, 0, 4), True),
+        (AdcLayout.in_a_row(2, 0, 3), False),
+        (AdcLayout.in_a_row(2, 10, 9), True),
+        (AdcLayout.in_a_row(2, 0xEFFC), True),
+        (AdcLayout.in_a_row(2, 0xEFFD), False),
+        (AdcLayout.in_a_row(2, 0, 0xF000), False),
     ],
 )
 def test_layout_collides_or_not(layout: AdcLayout, fits: bool) -> None:
@@ -87,5 +87,31 @@ def test_layout_collides_or_not(layout: AdcLayout, fits: bool) -> None:
 
 def test_converter_without_a_counter(plant) -> None:
     plant.counts = {"q6": 5}
-    registers = AdcRegisters(AdcLayout(1, 0), {0: "q6"}, plant)
+    registers = AdcRegisters(AdcLayout.in_a_row(1, 0), {0: "q6"}, plant)
     assert registers.read_input(0, 3, 1.0) == [5, 0, 10_000]
+
+
+@pytest.mark.parametrize(
+    ("cell", "value", "words"),
+    [
+        (Cell(0, "int16"), -2, [0xFFFE]),
+        (Cell(0, "uint16", "BADC"), 0x0102, [0x0201]),
+        (Cell(0, "uint32", "ABCD"), 0x01020304, [0x0102, 0x0304]),
+        (Cell(0, "uint32", "CDAB"), 0x01020304, [0x0304, 0x0102]),
+        (Cell(0, "uint32", "BADC"), 0x01020304, [0x0201, 0x0403]),
+        (Cell(0, "uint32", "DCBA"), 0x01020304, [0x0403, 0x0201]),
+        (Cell(0, "int32", "CDAB"), -70_000, [0xEE90, 0xFFFE]),
+        (Cell(0, "float32"), 1.5, [0x3FC0, 0x0000]),
+    ],
+)
+def test_numbers_of_every_type_and_order(cell: Cell, value: float, words: list[int]) -> None:
+    assert cell.words(value) == words
+
+
+def test_a_map_with_holes(plant) -> None:
+    plant.counts = {"q6": -5}
+    layout = AdcLayout(
+        signals={"x": Cell(10, "int32", "CDAB")}, time=Cell(14, "uint16"), ticks_per_s=1000
+    )
+    registers = AdcRegisters(layout, {"x": "q6"}, plant)
+    assert registers.read_input(10, 5, 0.25) == [0xFFFB, 0xFFFF, 0, 0, 250]
