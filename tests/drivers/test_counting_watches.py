@@ -1,0 +1,98 @@
+"""Watches that count: babble by rate, doubled nodes by answers and beats, refusals in a row."""
+
+from __future__ import annotations
+
+import random
+
+from drivers.babble import BabbleWatch
+from drivers.canopen.beat import BEAT_MS, BeatWatch
+from drivers.canopen.doubles import SURPLUS, DoubleWatch
+from drivers.slcan import REFUSED_IN_A_ROW, Refusals
+
+SECOND = 1_000_000_000
+MS = 1_000_000
+
+
+def babble_changes(counts: list[int]) -> list[int]:
+    """The tenths of a second at which the babble changes, for so much in each of them."""
+    watch, changes = BabbleWatch(1000.0), []
+    for tenth, count in enumerate(counts):
+        if watch.changes(tenth * SECOND // 10):
+            changes.append(tenth)
+        watch.hear(count)
+    return changes
+
+
+def test_babble_is_a_rate_and_ends_after_a_second_of_quiet():
+    assert babble_changes([50] * 50) == []
+    assert babble_changes([500] * 20) == [3]
+    assert babble_changes([0] * 5 + [500] * 10 + [0] * 30) == [6, 27]
+
+
+def test_a_single_burst_below_the_rate_is_no_babble():
+    assert babble_changes([240] + [0] * 30) == []
+
+
+def test_two_answers_to_each_request_are_two_nodes():
+    watch, changes = DoubleWatch(), []
+    for number in range(50):
+        now_ns = number * 10 * MS
+        watch.ask(now_ns)
+        if any([watch.answer(now_ns + MS), watch.answer(now_ns + 2 * MS)]):
+            changes.append(number + 1)
+    assert changes == [SURPLUS]
+    ends = [n for n in range(50, 300) if watch.ask(n * 10 * MS) or watch.answer(n * 10 * MS + MS)]
+    assert len(ends) == 1
+    assert not watch.doubled
+
+
+def test_late_and_lost_answers_and_a_burst_after_a_stall_are_one_node():
+    rng, watch = random.Random(3), DoubleWatch()
+    waiting: list[int] = []
+    for number in range(3000):
+        now_ns = number * 10 * MS
+        watch.ask(now_ns)
+        if rng.random() > 0.05:
+            waiting.append(number)
+        stalled = 1000 <= number < 1100
+        while waiting and not stalled and rng.random() > 0.2:
+            waiting.pop(0)
+            assert not watch.answer(now_ns)
+    assert not watch.doubled
+
+
+def test_beats_tell_silence_and_two_nodes():
+    watch = BeatWatch()
+    watch.begin(0)
+    seen: list[tuple[int, str]] = []
+    for ms in range(0, 12_000, 20):
+        now_ns = ms * MS
+        beats = 0 if 3000 <= ms < 5000 else 2 if 7000 <= ms < 9000 else 1
+        if ms % BEAT_MS == 0 and sum(watch.hear(now_ns) for _ in range(beats)):
+            seen.append((ms, "heard"))
+        if watch.falls_silent(now_ns):
+            seen.append((ms, "silent"))
+        if watch.doubles(now_ns):
+            seen.append((ms, "doubled" if watch.doubled else "single"))
+    assert [what for _, what in seen] == ["silent", "heard", "doubled", "single"]
+    assert 3800 <= seen[0][0] <= 3900
+    assert 7000 <= seen[2][0] <= 8000
+
+
+def test_a_node_that_nobody_listened_to_is_not_silent():
+    watch = BeatWatch()
+    watch.begin(0)
+    assert not watch.falls_silent(100 * MS)
+    assert not watch.falls_silent(9 * SECOND)
+    assert [watch.falls_silent(9 * SECOND + n * 100 * MS) for n in range(1, 20)].index(True) == 10
+
+
+def test_a_node_without_beats_is_never_silent():
+    watch = BeatWatch()
+    assert not any(watch.falls_silent(n * 100 * MS) for n in range(100))
+
+
+def test_refusals_in_a_row_are_bus_off_and_single_ones_are_not():
+    refusals = Refusals()
+    assert [refusals.refused() for _ in range(2 * REFUSED_IN_A_ROW)].count(True) == 2
+    assert not any(refusals.refused() or refusals.works() for _ in range(50))
