@@ -21,6 +21,9 @@ KEPT_FAULTS = 1000
 """Faults kept one by one; beyond these they are only counted."""
 
 
+_UNUSABLE = ReadingFlag.STALE | ReadingFlag.DEVICE_ERROR
+
+
 class LiveState:
     """Latest readings of each channel, latest mode of each joint, faults so far.
 
@@ -113,7 +116,7 @@ class _Ring:
         self.latest_ns = 0
 
     def add(self, reading: Reading) -> None:
-        if reading.flags & (ReadingFlag.STALE | ReadingFlag.DEVICE_ERROR):
+        if reading.flags is not ReadingFlag.NONE and reading.flags & _UNUSABLE:
             return
         step = reading.raw - (reading.raw if self.latest is None else self.latest)
         if self._modulus is not None:

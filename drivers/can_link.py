@@ -85,6 +85,7 @@ class CanLink:
         self._not_set_up: set[CanDevice] = set()
         self._babble = BabbleWatch(BABBLE * port.bitrate / BITS_PER_FRAME)
         self._counted: Counter[FaultKind] = Counter()
+        self._reported = (0, 0)
         for service in self._services:
             service.attach(self)
         for device in devices:
@@ -226,12 +227,15 @@ class CanLink:
             self._report_babble(now_ns)
             self._send_due(now_ns)
             wait_s = self._wait_s(timeout_s)
-            for _ in range(MOST_FRAMES):
-                frame = self._bus.receive(wait_s)
+            taken = 0
+            while taken < MOST_FRAMES:
+                frames = self._bus.receive_all(wait_s, MOST_FRAMES)
                 self._report_counts()
-                if frame is None:
+                if not frames:
                     break
-                self._take(frame)
+                for frame in frames:
+                    self._take(frame)
+                taken += len(frames)
                 wait_s = 0.0
         except LinkBroken as error:
             sampling = self._schedule is not None
@@ -280,6 +284,10 @@ class CanLink:
                 self.fault(frame.time_ns, taker.name, FaultKind.MALFORMED, str(error))
 
     def _report_counts(self) -> None:
+        counts = self._bus.malformed, self._bus.error_frames
+        if counts == self._reported:
+            return
+        self._reported = counts
         for kind, count, text in (
             (FaultKind.MALFORMED, self._bus.malformed, "a frame came garbled from the adapter"),
             (FaultKind.BUS_ERROR, self._bus.error_frames, "the CAN controller reports a bus error"),

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import re
 import time
+from binascii import unhexlify
 from collections import deque
 from typing import Any
 
@@ -58,6 +59,9 @@ RELAXATION = 2e-4
 """How fast an estimate of the adapter's offset gives way, so that it can follow a drifting clock."""
 
 
+_DATA, _ZERO = b"t0"
+_PLAIN = 5  # bytes of a data frame with 11-bit identifier and without time stamp, before its data
+_LONGEST_PLAIN = _PLAIN + 2 * LONGEST_DATA
 _DIGITS = re.compile(rb"[0-9A-Fa-f]*")
 
 
@@ -292,14 +296,61 @@ class SlcanBus(can.BusABC):
         finally:
             self._port.close()
 
+    @property
+    def waiting(self) -> bool:
+        """Whether lines have been read that nobody has taken yet."""
+        return bool(self._received)
+
+    def take_plain(self, timeout: float | None, most: int) -> list[tuple[int, bytes]]:
+        """The plain data frames that come next, many at once: a full bus has no time for more.
+
+        Plain are frames with 11-bit identifier and without time stamp; the first line that is
+        anything else ends the row, and is for `recv`.
+
+        Args:
+            timeout: how long to wait if nothing has come [s]; None for ever.
+            most: how many to take at most.
+
+        Returns:
+            identifiers and data.
+
+        Raises:
+            CanOperationError: the port is gone.
+        """
+        if not self._received:
+            self._fill(timeout)
+        frames: list[tuple[int, bytes]] = []
+        lines = self._received
+        while lines and len(frames) < most:
+            line = lines[0]
+            if (
+                not _PLAIN <= len(line) <= _LONGEST_PLAIN
+                or line[0] != _DATA
+                or len(line) != _PLAIN + 2 * (line[4] - _ZERO)
+            ):
+                break
+            try:
+                identifier = int.from_bytes(unhexlify(b"0" + line[1:4]), "big")
+                data = unhexlify(line[_PLAIN:])
+            except ValueError:
+                break
+            if identifier > LARGEST_STANDARD_ID:
+                break
+            lines.popleft()
+            frames.append((identifier, data))
+        return frames
+
+    def _fill(self, timeout: float | None) -> None:
+        try:
+            data = self._port.read(timeout)
+        except OSError as error:
+            raise CanOperationError(f"{self.channel_info} is gone: {error}") from error
+        self._received_s = time.time()
+        self._received.extend(self._lines.feed(data))
+
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self._received:
-            try:
-                data = self._port.read(timeout)
-            except OSError as error:
-                raise CanOperationError(f"{self.channel_info} is gone: {error}") from error
-            self._received_s = time.time()
-            self._received.extend(self._lines.feed(data))
+            self._fill(timeout)
         while self._received:
             line = self._received.popleft()
             if line == BELL:

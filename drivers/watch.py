@@ -150,6 +150,8 @@ class WatchedLink:
                     watch.forget_counter()
 
     def _explained(self, watch: _ChannelWatch) -> bool:
+        if not self._open:
+            return False
         return any(source in (watch.device, self.name) for source, _ in self._open)
 
 
@@ -217,7 +219,8 @@ class _ChannelWatch:
 
     def _take_value(self, reading: Reading) -> list[Fault]:
         now_ns = reading.time_ns
-        stale = bool(reading.flags & ReadingFlag.STALE)
+        flags = reading.flags
+        stale = flags is not ReadingFlag.NONE and bool(flags & ReadingFlag.STALE)
         if not stale:
             self._stale_since_ns = None
         elif self._stale_since_ns is None:

@@ -104,7 +104,7 @@ _RELEVANT = (0x80 + NODE, 0x180 + NODE, 0x180 + DRIVE, 0x580 + NODE, 0x700 + NOD
 def _frames(data: bytes) -> list[can.Message]:
     """Records of 11 bytes: which identifier, kind, length, 8 bytes of payload."""
     out = []
-    for at in range(0, len(data) - 10, 11):
+    for at in range(0, min(len(data), 1000) - 10, 11):
         which, kind, length = data[at], data[at + 1], data[at + 2] % 9
         identifier = _RELEVANT[which] if which < len(_RELEVANT) else which * 8
         out.append(
