@@ -202,15 +202,17 @@ def _balance(entry: LedgerEntry) -> Iterator[Finding]:
 
 
 def _time(found: Survey) -> Iterator[Finding]:
-    for topic, tally in found.topics.items():
-        if tally.backwards:
-            text = (
-                f"{READING.subject_of(topic) or topic}: time goes back {_count(tally.backwards, 'time')}, "
-                f"by {tally.furthest_back_ns / _SECOND:.3f} s at most: readers sort by time, and mix "
-                "what was before and after"
-            )
-            remedy = "record with a clock that is never set; cut the recording at that moment"
-            yield Finding(Severity.BAD, "time-back", text, remedy)
+    back = {topic: tally for topic, tally in found.topics.items() if tally.backwards}
+    if back:
+        times = max(tally.backwards for tally in back.values())
+        most = max(tally.furthest_back_ns for tally in back.values()) / _SECOND
+        text = (
+            f"time goes back {_count(times, 'time')}, by up to {most:.3f} s, in "
+            f"{_list([READING.subject_of(topic) or topic for topic in back])}: readers sort by "
+            "time, and mix what was recorded before with what came after"
+        )
+        remedy = "record with a clock that is never set"
+        yield Finding(Severity.BAD, "time-back", text, remedy)
     began = found.session.start_ns
     if began and start_ns(found) and abs(start_ns(found) - began) > _START_NS:
         hours = (start_ns(found) - began) / _SECOND / 3600
