@@ -56,7 +56,7 @@ class ByHandPlan:
             begin_ns = end_ns - self._dwell_ns
             rest_ns = begin_ns - self._settle_ns
             samples = self._session.windows(begin_ns)
-            still = rest_ns >= first_ns and not self._session.moving(rest_ns, end_ns)
+            still = rest_ns >= first_ns and self._session.still(rest_ns, end_ns)
             elsewhere = before is None or apart(before, samples, self._session.noise)
             if still and elsewhere:
                 return begin_ns, end_ns, samples

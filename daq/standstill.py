@@ -16,7 +16,7 @@ Pure: arrays in, verdict out. Refuses to know where samples come from.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -112,13 +112,22 @@ def moving(
         until_ns: its end.
         gap_ns: longest time without a sample before nothing is known of a channel.
     """
-    restless = []
+    return tuple(restless(windows, stated, since_ns, until_ns, gap_ns))
+
+
+def restless(
+    windows: Mapping[str, Window],
+    stated: Mapping[str, float],
+    since_ns: int,
+    until_ns: int,
+    gap_ns: int,
+) -> Iterator[str]:
+    """What `moving` gives, one by one: who wants to know only whether any moves asks for the first."""
     for name, window in windows.items():
         part = window.since(since_ns).until(until_ns)
         gaps = np.diff(part.time_ns, prepend=since_ns, append=until_ns)
         if int(gaps.max()) > gap_ns or not stands_still(part, stated[name]):
-            restless.append(name)
-    return tuple(restless)
+            yield name
 
 
 def apart(

@@ -18,7 +18,7 @@ from daq.link_thread import LinkThread
 from daq.live import LiveState
 from daq.progress import ChannelProgress, Phase, Progress
 from daq.recorder import Recorder
-from daq.standstill import Window, moving
+from daq.standstill import Window, moving, restless
 from daq.states import SessionStates, Step
 from recordings.events import Dwell, Event, Fault, Mode
 from recordings.rig import Plan, Rig
@@ -131,8 +131,8 @@ class Supervision:
         self._phase, self._at, self._hint = phase, stop_number, hint
 
     def show_stopping(self) -> None:
-        """Show at once that the session ends; a drive can take a while to switch off."""
-        self.enter(Phase.STOPPING, self._at, "switching off and closing the file")
+        """Show that the session ends; a slow disk can take a while to take the rest."""
+        self.enter(Phase.STOPPING, self._at, "the drives are off; closing the file")
         self._on_progress(self.progress())
 
     def tick(self) -> int:
@@ -153,6 +153,11 @@ class Supervision:
     def moving(self, since_ns: int, until_ns: int) -> tuple[str, ...]:
         """Channels that moved in that time, or of which it is not known."""
         return moving(self.live.windows(), self._noise, since_ns, until_ns, self._gap_ns)
+
+    def still(self, since_ns: int, until_ns: int) -> bool:
+        """Whether no channel moved in that time, as far as is known."""
+        found = restless(self.live.windows(), self._noise, since_ns, until_ns, self._gap_ns)
+        return next(found, None) is None
 
     def windows(self, since_ns: int) -> dict[str, Window]:
         """Per channel, its samples from ``since_ns`` on."""
