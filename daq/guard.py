@@ -12,12 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from daq.arming import Arming
 from daq.clock import SECOND
 from daq.drives import Drives
 from daq.errors import ArmingExpired, Interlocked, SessionFailed
 from daq.interlocks import Interlocks
 from daq.live import LiveState
+from daq.standstill import Window
 from daq.states import SessionStates
 from recordings.events import Fault
 from recordings.rig import Plan, Rig
@@ -30,6 +33,13 @@ LONGEST_LAPSE_S = 1.0
 
 BLIND_S = 0.1
 """Time without a reading of a joint [s] after which drives are not led on, at fast sampling."""
+
+SLOW = 5.0
+"""Intervals between readings after which a channel that delivers slowly is silent."""
+
+
+FEW = 16
+"""Newest readings from which the rate of a slow channel is known."""
 
 
 class Guard:
@@ -66,9 +76,8 @@ class Guard:
         self._record = record
         places = rig.mechanism.places
         self._joints = {c.name: c.senses for c in rig.channels if c.senses in places}
-        few_samples_s = 5.0 / plan.sample
-        self._silence_s = max(rig.interlocks.silence, few_samples_s)
-        self._blind_s = max(BLIND_S, few_samples_s)
+        self._silence_s = max(rig.interlocks.silence, SLOW / plan.sample)
+        self._blind_s = max(BLIND_S, SLOW / plan.sample)
         self._keep = max(16, round(0.25 * plan.sample))
         self._looked_ns: int | None = None
 
@@ -119,4 +128,14 @@ class Guard:
 
     def _silent(self, now_ns: int, longest_s: float) -> Sequence[str]:
         ages = self._live.ages(now_ns)
-        return [name for name in self._joints if ages[name] > longest_s * SECOND]
+        late = [name for name in self._joints if ages[name] > longest_s * SECOND]
+        if not late:
+            return late
+        # A device may deliver at a rate of its own, slower than the plan's.
+        windows, _ = self._live.newest(FEW)
+        return [name for name in late if ages[name] > SLOW * _interval_ns(windows[name])]
+
+
+def _interval_ns(window: Window) -> float:
+    """Median time between readings [ns]; 0 where there are too few to tell."""
+    return float(np.median(np.diff(window.time_ns))) if len(window.time_ns) > 1 else 0.0

@@ -225,7 +225,9 @@ class _Session:
             live=self._live,
             record=lambda fault: self._record([fault]),
         )
-        self._armed = "the operator armed" if arming is not None else "no real drive is moved"
+        self._armed = "no real drive is moved"
+        if arming is not None:
+            self._armed = f"armed for {arming.valid_s:g} s, unless it is renewed"
         devices = {c.name: c.device for c in rig.channels if c.device is not None}
         self._clocks = [DeviceClocks(devices) for _ in links]
         self._links = [
@@ -305,6 +307,7 @@ class _Session:
         )
         ending, why = Ending.FAILED, "a fault of the program itself"
         cause: Exception | None = None
+        expected = False
         try:
             try:
                 self._execute(supervision)
@@ -313,14 +316,13 @@ class _Session:
                 ending, why = Ending.STOPPED, str(request)
             except (SessionFailed, DriverError) as failure:
                 why, cause = str(failure), failure
-            supervision.show_stopping()
+            expected = True
         finally:
             try:
-                text = f"session {ending}: {why}" if why else f"session {ending}"
-                self._states.take(Step.MAKE_SAFE, text)
-                if self._drives.make_safe(text):
-                    self._states.take(Step.RESET, "every drive has answered that it is off")
-                self._record([Mark(self._clock.now_ns(), text)])
+                self._make_safe(f"session {ending}: {why}" if why else f"session {ending}")
+                # A display may hang or fail: nothing waits for it before the drives are off.
+                if expected:
+                    supervision.show_stopping()
             finally:
                 self._drives.close()
                 self._stop_links()
@@ -357,6 +359,12 @@ class _Session:
             drives.set_mode(joint, Mode.OFF, "before the plan")
             drives.set_mode(joint, Mode.FREE, "moved by hand")
         ByHandPlan(self._plan, len(self._stops), supervision).run()
+
+    def _make_safe(self, cause: str) -> None:
+        self._states.take(Step.MAKE_SAFE, cause)
+        if self._drives.make_safe(cause):
+            self._states.take(Step.RESET, "every drive has answered that it is off")
+        self._record([Mark(self._clock.now_ns(), cause)])
 
     def _timing(self) -> tuple[DeviceTiming, ...]:
         """What is known of the times of each device in the end."""

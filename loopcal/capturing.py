@@ -57,7 +57,7 @@ def run_capture(
     limited = arm_for_s is not None
     arming = Arming(clock, arm_for_s if arm_for_s is not None else rig.interlocks.arming)
     mobility = _mobility(rig)
-    with _View(arming) as view:
+    with View(arming) as view:
         summary = capture(
             rig,
             text,
@@ -93,7 +93,7 @@ def _plan(rig: Rig, path: Path | None, poses: int | None) -> Plan | None:
     return plan if plan is None or poses is None else plan.model_copy(update={"poses": poses})
 
 
-class _View:
+class View:
     """The session on the terminal: phase and hint, a bar of stops, rates and losses of every channel.
 
     On anything but a terminal it prints a line whenever a tenth of the stops is done.
@@ -101,7 +101,7 @@ class _View:
 
     def __init__(self, arming: Arming) -> None:
         self._arming = arming
-        self._renewals = _Renewals()
+        self._renewals = Renewals()
         self._bar = Bar(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -113,7 +113,7 @@ class _View:
         self._live = Live(console=out, refresh_per_second=8, transient=True)
         self._tenth = -1
 
-    def __enter__(self) -> _View:
+    def __enter__(self) -> View:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -186,7 +186,7 @@ def _armed(progress: Progress) -> list[Text]:
     return [Text(text, style=style)]
 
 
-class _Renewals:
+class Renewals:
     """Lines on standard input. Never waits for one; at the end of the input there are no more."""
 
     def __init__(self) -> None:

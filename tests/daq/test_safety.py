@@ -8,7 +8,16 @@ import threading
 
 import pytest
 
-from daq import Arming, CaptureOptions, Ending, Interlocked, ManualClock, PlanNotPossible, capture
+from daq import (
+    Arming,
+    CaptureOptions,
+    Ending,
+    Interlocked,
+    ManualClock,
+    Phase,
+    PlanNotPossible,
+    capture,
+)
 from daq.drives import Drives
 from daq.interlocks import Interlocks
 from daq.mobility import Mobility, counted
@@ -300,3 +309,43 @@ def test_a_session_by_hand_records_while_the_operator_moves(shoulder, tmp_path):
     summary = run(shoulder, tmp_path / "shoulder.mcap")
     after = [change.after.name for change in summary.states]
     assert after == ["ARMED", "RECORDING", "SAFE", "IDLE"]
+
+
+def test_the_drives_are_off_before_the_end_is_shown(arm, tmp_path):
+    shown = []
+
+    def on_progress(progress):
+        if progress.phase is Phase.STOPPING:
+            shown.append(all_off(arm))
+            raise OSError("the terminal is gone")
+
+    with pytest.raises(OSError, match="terminal"):
+        run(arm, tmp_path / "arm.mcap", on_progress=on_progress)
+    assert shown == [True]
+    assert len(read_recording(tmp_path / "arm.mcap").dwells) > 1
+
+
+def test_a_channel_that_delivers_slowly_by_nature_is_not_silent(arm, tmp_path):
+    """q3 comes three times a second, whatever the plan asks for."""
+    last = []
+
+    def slow(seconds):
+        due = not last or seconds - last[-1] >= 0.33
+        arm.mute_channels = set() if due else {"q3"}
+        if due:
+            last.append(seconds)
+
+    for link in arm.links:
+        if any(channel.name == "q3" for channel in link._channels):
+            sample = link._sample
+
+            def only(time_ns, sample=sample):
+                slow((time_ns - 1_700_000_000 * SECOND) / SECOND)
+                return sample(time_ns)
+
+            link._sample = only
+    options = CaptureOptions(still_timeout_s=1.0, skipped_stops=2)
+    summary = run(arm, tmp_path / "arm.mcap", options=options)
+    # A dwell needs more samples than that; but no interlock ends the session.
+    assert "were skipped" in summary.why
+    assert [change.after for change in summary.states].count(SessionState.MOVING) > 1
