@@ -54,7 +54,8 @@ def _described(found: Survey, seen: Sequence[Finding]) -> dict[str, Any]:
 
 
 def _show(found: Survey, seen: Sequence[Finding]) -> None:
-    out.print(Text.assemble((str(found.files[0].path), "bold"), f": {_verdict(found, seen)}"))
+    head = Text.assemble((str(found.files[0].path), "bold"), f": {_verdict(found, seen)}")
+    out.print(head, soft_wrap=True)
     for finding in seen:
         style = _STYLE[finding.severity]
         line = Text.assemble((f"{finding.severity}: ", f"bold {style}"), finding.text)
