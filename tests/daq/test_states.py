@@ -12,6 +12,7 @@ import daq
 from daq import ManualClock, NotAllowed
 from daq.states import ALLOWED, TRANSITIONS, SessionStates, Step
 from recordings.events import Mode, SessionState, StateChange
+from recordings.rig import parse_rig, rig_text
 
 SAFETY = (Path(daq.__file__).parent.parent / "docs" / "safety.md").read_text("utf-8")
 
@@ -98,3 +99,10 @@ def test_commands_are_refused_where_the_state_does_not_allow_them(state: Session
         else:
             with pytest.raises(NotAllowed, match=rf"joint1.*{state.name}"):
                 ask()
+
+
+def test_the_documents_example_is_a_rigs() -> None:
+    (example,) = re.findall(r"^```toml\n(.*?)^```", SAFETY, re.MULTILINE | re.DOTALL)
+    rig = parse_rig(f"{rig_text('arm')[0]}\n{example}")
+    assert rig.interlocks.arming == 120
+    assert [joint.name for joint in rig.interlocks.joints] == ["joint1", "joint7"]
