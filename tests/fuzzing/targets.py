@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from tests.fuzzing import can_targets, file_targets, modbus_targets, recording_targets
+from tests.fuzzing import (
+    can_targets,
+    file_targets,
+    modbus_targets,
+    recording_targets,
+    stream_targets,
+)
 from tests.fuzzing.target import Target
 
 TARGETS: tuple[Target, ...] = (
@@ -10,4 +16,5 @@ TARGETS: tuple[Target, ...] = (
     *file_targets.TARGETS,
     *can_targets.TARGETS,
     *modbus_targets.TARGETS,
+    *stream_targets.TARGETS,
 )
