@@ -7,19 +7,28 @@ Two things can say that readings are missing, and both are used:
 - the period: a pause of n periods means that n - 1 are missing. Without a counter this is an
   estimate: readings that were only held up come in a burst, and are then taken off again.
 
-Where neither is known, nothing can be said, and nothing is.
+Where neither is known, nothing can be said of a port that works: the device may send when it
+likes. What an outage of the port costs is then estimated by the mean pause before it.
 """
 
 from __future__ import annotations
 
 from drivers.link import Losses
+from drivers.schedule import SECOND
+
+PERIODS_OF_PATIENCE = 5
+SHORTEST_PATIENCE_NS = SECOND // 10
+MEMORY = 64
+"""Pauses over which the mean one is taken."""
+
+FEWEST_PAUSES = 4
 
 
 class StreamTally:
     """What came of one channel, and what should have.
 
-    ``losses`` counts a pause that lasts as it grows; once the channel is back, its counter has
-    the last word.
+    ``losses`` counts a pause that lasts as it grows, once it is longer than a busy host explains
+    (five periods, 0.1 s at least); once the channel is back, its counter has the last word.
 
     Args:
         period_ns: time between two readings, None where it is not known.
@@ -35,11 +44,15 @@ class StreamTally:
         self._gaps = 0
         self._last_ns: int | None = None
         self._away = False
+        self._fresh = False
+        self._pauses = 0
+        self._mean_ns = 0.0
 
     def begin(self, now_ns: int) -> None:
         """From now on, readings are expected."""
         if self._last_ns is None:
             self._last_ns = now_ns
+            self._fresh = True
 
     def interrupt(self) -> None:
         """The port has gone away."""
@@ -62,8 +75,12 @@ class StreamTally:
                 self._gaps += not self._away
         elif self._last_ns is not None:
             self._judge_pause(time_ns - self._last_ns)
+        if self._last_ns is not None and not (self._away or self._fresh):
+            self._pauses += 1
+            pause_ns = time_ns - self._last_ns
+            self._mean_ns += (pause_ns - self._mean_ns) / min(self._pauses, MEMORY)
         self._last_ns = time_ns
-        self._away = False
+        self._away = self._fresh = False
 
     def end(self, now_ns: int) -> None:
         """No readings are expected any more; what is missing by now stays missing."""
@@ -83,10 +100,18 @@ class StreamTally:
             gaps=self._gaps,
         )
 
+    def _period(self) -> float | None:
+        """The period to judge a pause by now [ns], None where there is none."""
+        if self._period_ns is None and self._away and self._pauses >= FEWEST_PAUSES:
+            return self._mean_ns or None
+        return self._period_ns
+
     def _judge_pause(self, pause_ns: int) -> None:
-        if self._period_ns is None:
+        period_ns = self._period()
+        # A stream is joined anywhere: its first sample may be cut off, and come late for that.
+        if period_ns is None or (self._fresh and pause_ns <= _patience_ns(period_ns)):
             return
-        missing = round(pause_ns / self._period_ns) - 1
+        missing = round(pause_ns / period_ns) - 1
         if missing > 0:
             self._charge(missing)
         elif missing < 0 and self._owed:
@@ -105,6 +130,12 @@ class StreamTally:
 
     def _overdue(self, now_ns: int) -> int:
         """Whole periods that have passed without a reading, beyond the one that is under way."""
-        if self._last_ns is None or self._period_ns is None:
+        period_ns = self._period()
+        if self._last_ns is None or period_ns is None:
             return 0
-        return max((now_ns - self._last_ns) // self._period_ns - 1, 0)
+        pause_ns = now_ns - self._last_ns
+        return 0 if pause_ns <= _patience_ns(period_ns) else int(pause_ns // period_ns) - 1
+
+
+def _patience_ns(period_ns: float) -> float:
+    return max(PERIODS_OF_PATIENCE * period_ns, SHORTEST_PATIENCE_NS)

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from recordings.rig import Rig
+from recordings.rig import CanPort, Rig, SerialPort, TcpPort
 from sim_devices.bench import run_bench
 from sim_devices.errors import SimDevicesError
 from sim_devices.faults.injector import Injector
@@ -57,7 +57,7 @@ def running(
     Args:
         rig: what to build. A CAN port becomes an slcan adapter, whatever its interface.
         plant: nature.
-        folder: where the ports appear; empty again in the end.
+        folder: where the ports appear; empty again in the end. TCP ports listen on this computer.
         script: fault script.
         seed: of all that is random in faults.
 
@@ -76,7 +76,7 @@ def running(
 
     def run() -> None:
         try:
-            paths = {port.name: str(folder / port.name) for port in rig.ports}
+            paths = {port.name: _place(port, folder) for port in rig.ports}
             run_bench(rig, plant, stop=stop, ports=paths, ready=ready, faults=faults, seed=seed)
         except BaseException as error:  # noqa: BLE001 - raised again in the caller's thread
             failures.append(error)
@@ -97,3 +97,7 @@ def running(
         raise BenchStuck(f"the bench of '{rig.name}' did not end in {PATIENCE_S:g} s")
     if failures:
         raise failures[0]
+
+
+def _place(port: CanPort | SerialPort | TcpPort, folder: Path) -> str:
+    return "127.0.0.1:0" if isinstance(port, TcpPort) else str(folder / port.name)
