@@ -32,6 +32,7 @@ from drivers.can_bus import Frame
 from drivers.can_device import CanWire, Identity
 from drivers.can_link import CanLink
 from drivers.dbc.database import DbcFile, DbcMessage, DbcSignal
+from drivers.dbc.message_watch import MessageWatch, doubled_fault
 from drivers.driver import DeviceSpec, Driver
 from drivers.errors import DeviceSilent, OptionError
 from drivers.faults import FaultKind
@@ -104,8 +105,7 @@ class MessageTrack:
             self.timeout_ns = round(options.timeout * SECOND)
         elif period_ns is not None:
             self.timeout_ns = max(CYCLES_OF_SILENCE * period_ns, SHORTEST_SILENCE_NS)
-        self.heard_ns: int | None = None
-        self.silent = False
+        self.watch = MessageWatch(self.timeout_ns)
 
     def readings(self, frame: Frame) -> tuple[list[Reading], bool]:
         """The readings in a frame, and whether the device has restarted; raises Malformed."""
@@ -114,15 +114,20 @@ class MessageTrack:
         arrival = self._arrivals.take(
             frame.time_ns, _unsigned(self._counter, data), _unsigned(self._clock, data)
         )
-        device_time_ns = arrival.device_time_ns
+        doubled = self.watch.doubled
+        device_time_ns = None if doubled else arrival.device_time_ns
         readings = []
         for name, signal, raw in values:
             if raw is None:
                 continue
             flags = ReadingFlag.STALE if arrival.step == 0 else ReadingFlag.NONE
+            if doubled:
+                # Whose reading it is, and whose counter, cannot be known.
+                flags = ReadingFlag.DEVICE_ERROR
             if raw == self._invalid:
                 flags |= ReadingFlag.DEVICE_ERROR
-            self.tallies[name].receive(frame.time_ns, None if signal.multiplexed else arrival.step)
+            step = 1 if doubled else arrival.step
+            self.tallies[name].receive(frame.time_ns, None if signal.multiplexed else step)
             readings.append(
                 Reading(
                     channel=name,
@@ -131,11 +136,11 @@ class MessageTrack:
                     device_time_ns=frame.device_time_ns
                     if device_time_ns is None
                     else device_time_ns,
-                    sequence=arrival.sequence,
+                    sequence=None if doubled else arrival.sequence,
                     flags=flags,
                 )
             )
-        return readings, arrival.restarted
+        return readings, arrival.restarted and not doubled
 
 
 def _optional(message: DbcMessage, name: str | None) -> DbcSignal | None:
@@ -204,7 +209,7 @@ class DbcEncoder:
         """From now on its messages are expected."""
         now_ns = self._wire.now_ns()
         for track in self._tracks.values():
-            track.heard_ns = now_ns
+            track.watch.begin(now_ns)
         for tally in self._streams.values():
             tally.begin(now_ns)
         self._started = True
@@ -217,6 +222,8 @@ class DbcEncoder:
 
     def interrupt(self) -> None:
         """The port has gone away."""
+        for track in self._tracks.values():
+            track.watch.end()
         for tally in self._streams.values():
             tally.interrupt()
 
@@ -234,28 +241,25 @@ class DbcEncoder:
             return ()
         readings, restarted = track.readings(frame)
         events: list[Event] = []
-        if track.silent:
-            track.silent = False
+        if track.watch.hear(frame.time_ns):
             text = f"{self.name} sends {track.name} again"
             events.append(Fault(frame.time_ns, self.name, FaultKind.ANSWERING, text))
         if restarted:
             text = f"{self.name} has restarted by itself: its counter or clock began anew"
-            events.append(Fault(frame.time_ns, self.name, FaultKind.RESTARTED, text))
-        track.heard_ns = frame.time_ns
+            self._wire.fault(frame.time_ns, self.name, FaultKind.RESTARTED, text)
         return [*events, *readings]
 
     def serve(self, now_ns: int) -> Sequence[Event]:
-        """Say once of each message that it has not come for long."""
+        """Say once of each message that it has not come for long, or that two send it."""
         if not self._started:
             return ()
         faults = []
         for track in self._tracks.values():
-            if track.silent or track.heard_ns is None:
-                continue
-            if now_ns - track.heard_ns > track.timeout_ns:
-                track.silent = True
+            if track.watch.falls_silent(now_ns):
                 text = f"{self.name} has not sent {track.name} for {track.timeout_ns / SECOND:g} s"
                 faults.append(Fault(now_ns, self.name, FaultKind.SILENT, text))
+            if track.watch.doubles(now_ns):
+                faults.append(doubled_fault(now_ns, self.name, track.name, track.watch))
         return faults
 
     def due_ns(self) -> int | None:
