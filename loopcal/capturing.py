@@ -27,10 +27,10 @@ from daq.clock import HostClock
 from daq.mobility import Mobility
 from drivers import make_links
 from loopcal.console import err, out
+from loopcal.timing_view import show_timing
 from recordings.events import SessionState
 from recordings.rig import Plan, Rig, load_plan, parse_rig, rig_text
 from recordings.storage import Storage
-from recordings.timing import port_skews
 
 SHORT_S = 60.0
 """An arming that lasts no longer than this [s] is shown in red."""
@@ -255,7 +255,7 @@ def show_summary(summary: CaptureSummary) -> None:
         table.add_row(name, str(entry.expected), str(entry.received), *cells)
     out.print(table)
     _show_states(summary)
-    _show_timing(summary)
+    show_timing(summary.timing)
     for fault in summary.faults[:10]:
         out.print(
             Text(f"fault at {fault.source} ({fault.kind}): {fault.text}", style="yellow"),
@@ -277,36 +277,3 @@ def _show_states(summary: CaptureSummary) -> None:
         cells = (before.name.lower(), after.name.lower(), str(count), last[before, after])
         table.add_row(*(Text(cell, style=style) for cell in cells))
     out.print(table)
-
-
-def _show_timing(summary: CaptureSummary) -> None:
-    """Print what is known of the times of each device, and of the skew between ports."""
-    if all(each.clock is None and each.longest_ns is None for each in summary.timing):
-        return
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    for column in ("device", "answers in", "clock known to", "drift"):
-        table.add_column(column, justify="left" if column == "device" else "right", no_wrap=True)
-    for each in summary.timing:
-        trip, known, drift = "", "no clock", ""
-        if each.shortest_ns is not None and each.longest_ns is not None:
-            trip = f"{1e-6 * each.shortest_ns:.2f} to {1e-6 * each.longest_ns:.2f} ms"
-        if each.clock is not None:
-            known = f"{1e-3 * each.clock.uncertainty_ns:.0f} µs"
-            if each.clock.drift_ppb is not None and each.clock.drift_uncertainty_ppb is not None:
-                drift = (
-                    f"{1e-3 * each.clock.drift_ppb:+.2f} ± "
-                    f"{1e-3 * each.clock.drift_uncertainty_ppb:.2f} ppm"
-                )
-        table.add_row(each.device, trip, known, drift)
-    out.print(table)
-    for between in port_skews(summary.timing):
-        out.print(
-            f"skew: at the same time, readings of {between.first} were taken between "
-            f"{_bound(between.lowest_ns)} and {_bound(between.highest_ns)} before those of {between.second}",
-            markup=False,
-            soft_wrap=True,
-        )
-
-
-def _bound(time_ns: int | None) -> str:
-    return "an unknown time" if time_ns is None else f"{1e-6 * time_ns:+.2f} ms"

@@ -13,10 +13,12 @@ from rich.text import Text
 
 from loopcal.console import out
 from loopcal.surveying import look_through
+from loopcal.timing_view import described, show_timing
 from recordings.events import Dwell
 from recordings.health import end_ns, start_ns
 from recordings.rig import SerialMechanism
 from recordings.survey import Survey
+from recordings.timing import DeviceTiming, timings
 
 _SECOND = 1_000_000_000
 _SHOWN = 12
@@ -78,6 +80,11 @@ def description(found: Survey) -> dict[str, Any]:
         "other_messages": found.other,
         "dwells": len(found.dwells),
         "poses": _poses(found),
+        "states": [
+            {"time_ns": s.time_ns, "before": s.before.name, "after": s.after.name, "cause": s.cause}
+            for s in found.states
+        ],
+        "timing": described(_timing(found)),
         "marks": [{"time_ns": mark.time_ns, "text": mark.text} for mark in found.marks],
         "faults": [
             {"time_ns": f.time_ns, "source": f.source, "kind": f.kind, "text": f.text}
@@ -85,6 +92,12 @@ def description(found: Survey) -> dict[str, Any]:
         ],
         "recovery": dict(found.recovery),
     }
+
+
+def _timing(found: Survey) -> tuple[DeviceTiming, ...]:
+    if found.rig is None:
+        return ()
+    return timings(found.rig, found.clock, found.round_trips)
 
 
 def _channels(found: Survey) -> tuple[str, ...]:
@@ -133,6 +146,7 @@ def _show(found: Survey) -> None:
     out.print(table)
     out.print()
     out.print(_channel_table([_channel(found, each) for each in _channels(found)]))
+    show_timing(_timing(found))
     for label, lines in (
         ("marks", [(mark.time_ns, mark.text) for mark in found.marks]),
         ("faults", [(f.time_ns, f"{f.source} {f.kind}: {f.text}") for f in found.faults]),

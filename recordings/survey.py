@@ -18,7 +18,16 @@ from recordings.chunks import Attachment, Block, Damage, Header, Metadata, scan
 from recordings.container import MAGIC
 from recordings.definitions import Definitions
 from recordings.errors import NotARecording, NothingReadable, RecordingError, RigError
-from recordings.events import ClockSample, Dwell, Event, Fault, LedgerEntry, Mark
+from recordings.events import (
+    ClockSample,
+    Dwell,
+    Event,
+    Fault,
+    LedgerEntry,
+    Mark,
+    RoundTrip,
+    StateChange,
+)
 from recordings.joining import next_path
 from recordings.part import FIRST_PART, Part
 from recordings.part_file import PROFILE, RIG_ATTACHMENT
@@ -33,7 +42,7 @@ from recordings.wire import HEADER_SIZE, unaligned
 RECOVERY_METADATA = "loopcal.recovery"
 """Metadata record of a recording that was recovered from a damaged one."""
 
-_KEPT = (Dwell, Mark, Fault, ClockSample, LedgerEntry)
+_KEPT = (Dwell, Mark, Fault, StateChange, ClockSample, RoundTrip, LedgerEntry)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +81,7 @@ class Survey:
         definitions: its schemas and channels.
         topics: sums by topic, in order of first appearance.
         readings: sums by channel of the rig, in the order of first appearance.
-        dwells, marks, faults, clock: events in file order.
+        dwells, marks, faults, states, clock, round_trips: events in file order.
         ledger: last entry of each source.
         undeclared: messages whose channel is not known.
         other: messages of topics that are not part of the format.
@@ -93,7 +102,9 @@ class Survey:
     dwells: tuple[Dwell, ...]
     marks: tuple[Mark, ...]
     faults: tuple[Fault, ...]
+    states: tuple[StateChange, ...]
     clock: tuple[ClockSample, ...]
+    round_trips: tuple[RoundTrip, ...]
     ledger: Mapping[str, LedgerEntry]
     undeclared: int
     other: int
@@ -241,7 +252,9 @@ class _Walk:
             dwells=tuple(e for e in self._events if isinstance(e, Dwell)),
             marks=tuple(e for e in self._events if isinstance(e, Mark)),
             faults=tuple(e for e in self._events if isinstance(e, Fault)),
+            states=tuple(e for e in self._events if isinstance(e, StateChange)),
             clock=tuple(e for e in self._events if isinstance(e, ClockSample)),
+            round_trips=tuple(e for e in self._events if isinstance(e, RoundTrip)),
             ledger=ledger,
             undeclared=self._undeclared,
             other=self._other,
