@@ -74,6 +74,7 @@ class WatchedLink:
         self._clock = clock
         self._watches = {channel.name: _ChannelWatch(channel) for channel in channels}
         self._open: set[tuple[str, str]] = set()
+        self._restarted: set[str] = set()
         self._look_ns: int | None = None
 
     def open(self) -> None:
@@ -101,6 +102,8 @@ class WatchedLink:
             if isinstance(event, Reading):
                 watch = self._watches.get(event.channel)
                 if watch is not None:
+                    if self._restarted:
+                        found += self._goes_on(watch.device, event.time_ns)
                     found += watch.take(event, self._explained(watch))
             elif isinstance(event, Fault):
                 self._note(event)
@@ -131,6 +134,14 @@ class WatchedLink:
             found += watch.look(lost, now_ns, self._explained(watch))
         return found
 
+    def _goes_on(self, device: str, time_ns: int) -> list[Fault]:
+        """A device that has restarted and needs no setting up is well with its next reading."""
+        if device not in self._restarted:
+            return []
+        fault = Fault(time_ns, device, FaultKind.STARTED, f"{device} goes on")
+        self._note(fault)
+        return [fault]
+
     def _note(self, fault: Fault) -> None:
         if fault.kind in ENDED_BY:
             self._open.add((fault.source, fault.kind))
@@ -144,6 +155,10 @@ class WatchedLink:
                 if key[0] == fault.source and ENDED_BY[key[1]] == fault.kind
             ]
             self._open.difference_update(ended)
+        if fault.kind == FaultKind.RESTARTED:
+            self._restarted.add(fault.source)
+        elif fault.kind == FaultKind.STARTED:
+            self._restarted.discard(fault.source)
         if fault.kind in (FaultKind.RESTARTED, FaultKind.REOPENED):
             for watch in self._watches.values():
                 if fault.source in (watch.device, self.name):

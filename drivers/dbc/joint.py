@@ -35,6 +35,7 @@ from drivers.can_bus import Frame
 from drivers.can_device import CanWire, Identity
 from drivers.can_link import CanLink
 from drivers.dbc.drive_messages import DbcDriveOptions, DriveMessages, Report, open_dbc
+from drivers.dbc.message_watch import drive_faults, status_watch
 from drivers.driver import DeviceSpec, Driver
 from drivers.errors import BadCommand, DeviceRefused, DeviceSilent, OptionError
 from drivers.faults import FaultKind
@@ -130,6 +131,7 @@ class DbcJoint:
         self._position: int | None = None
         self._reported: Report | None = None
         self._answers: queue.Queue[bytes] | None = None
+        self._status = status_watch(status.period_ns)
 
     def attach(self, wire: CanWire) -> None:
         """Belong to a bus."""
@@ -144,13 +146,16 @@ class DbcJoint:
         """Nothing is set up; what interrupted it may have tripped it: it is off until told."""
         self._commanded = False
         self._mode, self._target = Mode.OFF, 0
+        self._status.begin(self._wire.now_ns())
 
     def stop(self, now_ns: int) -> None:
         """It delivers no channel."""
+        self._status.end()
 
     def interrupt(self) -> None:
         """The port has gone away: nothing that was commanded holds any more."""
         self._commanded = False
+        self._status.end()
 
     def losses(self, now_ns: int) -> Mapping[str, Losses]:
         """It delivers no channel."""
@@ -204,6 +209,13 @@ class DbcJoint:
 
     def receive(self, frame: Frame) -> Sequence[Event]:
         """Take a status; a report when something has changed. Raises Malformed."""
+        if self._status.hear(frame.time_ns):
+            text = f"{self.name} sends {self._messages.status.name} again"
+            fault = Fault(frame.time_ns, self.name, FaultKind.ANSWERING, text)
+            return (fault, *self._take_status(frame))
+        return self._take_status(frame)
+
+    def _take_status(self, frame: Frame) -> Sequence[Event]:
         report = self._messages.read_status(frame.data)
         if self._actual is not None and (position := self._actual.raw(frame.data)) is not None:
             self._position = position
@@ -218,14 +230,15 @@ class DbcJoint:
         return (_report_of(self.joint, report, frame.time_ns),)
 
     def serve(self, now_ns: int) -> Sequence[Event]:
-        """Repeat the command when it is due, while somebody vouches for the drive."""
+        """Repeat the command when it is due, while somebody vouches for the drive; miss its status."""
+        faults = drive_faults(now_ns, self.name, self._messages.status.name, self._status)
         if not self._repeats(now_ns) or now_ns < self._sent_ns + self._period_ns:
-            return ()
+            return faults
         try:
             self._send(now_ns)
         except BadCommand as error:
-            return (Fault(now_ns, self.name, FaultKind.REFUSED, str(error)),)
-        return ()
+            return (*faults, Fault(now_ns, self.name, FaultKind.REFUSED, str(error)))
+        return faults
 
     def due_ns(self) -> int | None:
         """When the command is to be repeated."""

@@ -26,7 +26,15 @@ from dataclasses import dataclass
 
 from recordings.rig import CanPort, Rig
 from sim_devices.errors import SimDevicesError
-from sim_devices.faults.vocabulary import END, FAULTS, REPLUG, Amount, FaultType, Target
+from sim_devices.faults.vocabulary import (
+    ADDRESS_KEYS,
+    END,
+    FAULTS,
+    REPLUG,
+    Amount,
+    FaultType,
+    Target,
+)
 
 NUMBER = re.compile(r"(\d+(?:\.\d+)?)(.*)")
 TIME_UNITS = {"s": 1.0, "ms": 1e-3}
@@ -98,6 +106,7 @@ class _Line:
         self._text = " ".join(words)
         self._at = 0
         self._number = number
+        self._rig = rig
         self._said = self._text
         self._targets = targets(rig)
 
@@ -147,12 +156,21 @@ class _Line:
             raise self._wrong(
                 f"expected {befalls}, of this rig: {known}{_near(word, fitting)}", back=1
             )
+        if fault.amount is Amount.ADDRESS and not self._numbered(word):
+            raise self._wrong(
+                f"that has no {' or '.join(ADDRESS_KEYS)} in the rig, so it cannot have another",
+                back=1,
+            )
         if word not in fitting:
             kinds = " and ".join(sorted(self._targets[word]))
             raise self._wrong(
                 f"that is {kinds}; '{fault.verb}' befalls {befalls}, of this rig: {known}", back=1
             )
         return word
+
+    def _numbered(self, name: str) -> bool:
+        options = [device.options for device in self._rig.devices if device.name == name]
+        return not options or any(key in options[0] for key in ADDRESS_KEYS)
 
     def _amount(self, fault: FaultType) -> float | None:
         what = f"'{fault.verb}' needs '{fault.amount}'"

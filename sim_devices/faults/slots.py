@@ -15,13 +15,12 @@ from typing import Generic, TypeVar
 
 from recordings.rig import Device
 from sim_devices.can_bus import CanNode, Frame
+from sim_devices.faults.vocabulary import ADDRESS_KEYS
 from sim_devices.line import SerialDevice
 from sim_devices.modbus import crc16
 
 BOOT_S = 0.2
 """How long a device is without power when it restarts."""
-
-ADDRESS_KEYS = ("node_id", "unit_id")
 
 Unit = TypeVar("Unit", CanNode, SerialDevice)
 Message = TypeVar("Message", Frame, bytes)

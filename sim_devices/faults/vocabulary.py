@@ -153,6 +153,9 @@ FAULTS: Mapping[str, FaultType] = {
     )
 }
 
+ADDRESS_KEYS = ("node_id", "unit_id")
+"""Options that are a device's number on its bus or line."""
+
 END = "end"
 """``end VERB TARGET`` ends a fault that was begun without a duration."""
 
