@@ -178,6 +178,7 @@ class _Walk:
         self._data_crc: int | None = None  # known once the end of the data section was found
         self._doubted = False  # a chunk was bad: the CRC of all data would only repeat it
         self._ended = False
+        self._chunked = False  # a file has its messages in chunks, or it has no chunks
 
     def items(self) -> Iterator[Item]:
         try:
@@ -234,15 +235,19 @@ class _Walk:
 
     def _take_loose(self) -> Block | None:
         """Records outside chunks, as many as are near; None where there are none."""
-        if self._stream.peek(1)[:1] not in _LOOSE:
+        opcode = self._stream.peek(1)[:1]
+        if opcode not in _LOOSE:
             return None
+        if self._chunked and opcode[0] == MESSAGE:
+            # Nothing vouches for it, and one wrong bit makes a message of a message index.
+            raise Malformed("a message outside chunks, in a file of chunks")
         at = self._stream.at
         size = leading_bytes(self._stream.peek(min(self._loose, self._stop - at)))
         self._loose = min(PIECE_BYTES, max(_FEWEST_LOOSE, 2 * size))
         if size:
             return Block(at, self._stream.take(size))
-        opcode, content = self._take()
-        return Block(at, bytes([opcode]) + len(content).to_bytes(8, "little") + content)
+        kind, content = self._take()
+        return Block(at, bytes([kind]) + len(content).to_bytes(8, "little") + content)
 
     def _take(self) -> tuple[int, bytes]:
         """Opcode and content of the next record; leaves out the content of private records."""
@@ -269,6 +274,7 @@ class _Walk:
         item: Item | None = None
         if opcode == CHUNK:
             chunk = records.parse_chunk(content)
+            self._chunked = True
             self._trusted = self._stream.at
             item = self._block(chunk, len(content))
         elif opcode == MESSAGE_INDEX:

@@ -140,11 +140,6 @@ class Container:
         return self._position
 
     @property
-    def channel_ids(self) -> list[int]:
-        """Ids of all channels that are known here."""
-        return list(self._channels)
-
-    @property
     def ending_bytes(self) -> int:
         """Bytes that `finish` writes behind the last chunk, at most."""
         indexes = len(self._chunk_indexes) * (_INDEX_BYTES + 10 * len(self._channels))

@@ -19,7 +19,7 @@ from recordings.storage import RecordingFile, Sync, disk_error
 PROFILE = "loopcal"
 RIG_ATTACHMENT = "rig.toml"
 
-_LARGE = 1024 * 1024
+_LARGE = 128 * 1024
 """Size from which a lost piece of the disk can be as large as what is around both copies."""
 
 _LAST_BYTES = 64 * 1024

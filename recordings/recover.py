@@ -12,10 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recordings import columns
 from recordings.chunks import Block, scan
+from recordings.codec import READING, decode, kind_of_topic
 from recordings.container import Container
+from recordings.definitions import Definitions
 from recordings.errors import DiskFailed, HopelessRecording
 from recordings.part import NEXT_METADATA, PART_METADATA
 from recordings.part_file import PROFILE, RIG_ATTACHMENT
@@ -122,10 +125,10 @@ def _copy(
             window = Window()
             for item in scan(source, each.size):
                 if isinstance(item, Block):
-                    messages += _copy_records(window.add(item), container)
+                    messages += _copy_records(window.add(item), container, definitions)
                     share = source.tell() / max(1, each.size)
                     on_progress((number + share) / len(found.files))
-            messages += _copy_records(window.rest(), container)
+            messages += _copy_records(window.rest(), container, definitions)
     container.end_chunk()
     container.attach(RIG_ATTACHMENT, "application/toml", rig, start_ns)
     container.add_metadata(METADATA_NAME, dict(session))
@@ -133,16 +136,37 @@ def _copy(
     return messages, container.size
 
 
-def _copy_records(taken: Records | None, container: Container) -> int:
-    """Messages copied: those whose channel is known and whose time can be."""
+def _copy_records(taken: Records | None, container: Container, definitions: Definitions) -> int:
+    """Messages copied: those that can be read, of channels that are known."""
     if taken is None:
         return 0
-    messages = columns.messages(taken.data, taken.offsets)
-    known = np.isin(messages.channel_id, container.channel_ids) & (messages.time_ns >= 0)
-    kept = messages if known.all() else messages.take(known)
-    start = kept.start - HEADER_SIZE
-    container.add_copies(taken.data, start, kept.start + kept.size, kept.channel_id, kept.time_ns)
+    found = columns.messages(taken.data, taken.offsets)
+    kept = found.time_ns >= 0
+    for channel_id in np.unique(found.channel_id).tolist():
+        rows = np.flatnonzero(found.channel_id == channel_id)
+        channel = definitions.channels.get(channel_id)
+        kept[rows] &= channel is not None and _readable(found.take(rows), channel.topic)
+    copied = found if kept.all() else found.take(kept)
+    start, stop = copied.start - HEADER_SIZE, copied.start + copied.size
+    container.add_copies(taken.data, start, stop, copied.channel_id, copied.time_ns)
     return len(start)
+
+
+def _readable(found: columns.Messages, topic: str) -> NDArray[np.bool_]:
+    """Which messages of one topic a reader can read; of a topic of others, all."""
+    readable = np.ones(len(found), np.bool_)
+    kind_and_subject = kind_of_topic(topic)
+    if kind_and_subject is None:
+        return readable
+    kind, subject = kind_and_subject
+    if kind is READING and columns.decode_readings(found)[1] == 0:
+        return readable
+    for row in range(len(found)):
+        try:
+            decode(kind, subject, int(found.time_ns[row]), found.payload(row))
+        except ValueError:
+            readable[row] = False
+    return readable
 
 
 def _note(found: Survey, *, rig_given: bool) -> dict[str, str]:

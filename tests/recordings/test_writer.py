@@ -96,7 +96,7 @@ def test_summary_index_and_statistics_are_those_of_the_data(
     assert statistics.message_count == len(times) == 2 * 3000 + 30 + 2 * 31
     assert (statistics.message_start_time, statistics.message_end_time) == (min(times), max(times))
     assert statistics.chunk_count == len(summary.chunk_indexes) == 31
-    assert (statistics.attachment_count, statistics.metadata_count) == (2, 2)
+    assert (statistics.attachment_count, statistics.metadata_count) == (3, 3)
     assert statistics.channel_count == len(summary.channels) == 5
     assert statistics.schema_count == len(summary.schemas) == 3
     # The streaming reader checks the CRC of the whole data section too.
