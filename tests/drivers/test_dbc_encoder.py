@@ -127,6 +127,18 @@ def test_silence_is_told_by_the_cycle_time_and_counted_while_it_lasts(make, bus,
     assert link.losses()["q1"] == Losses(101, 0, 99, 1)
 
 
+def test_a_host_that_was_held_up_reads_what_waits_before_it_calls_anything_silent(make, bus, clock):
+    link = make(("q1", "Angle"), **COUNTED)
+    link.start(100.0)
+    position(bus, 1, 10, 0)
+    link.pump(0.0)
+    clock.advance(0.3)
+    for n in range(1, 31):
+        position(bus, 1, 10 + n, 10 * n)
+    assert [type(e) for e in link.pump(0.0)] == [Reading] * 30
+    assert link.losses()["q1"] == Losses(31, 0, 0, 0)
+
+
 def test_a_restart_is_told_by_the_clock_and_counts_no_losses_of_its_counter(make, bus, clock):
     link = make(("q1", "Angle"), **COUNTED)
     link.start(100.0)
