@@ -3,17 +3,22 @@
 For lines that are reached by network: serial servers (``socket://HOST:PORT`` of pyserial), Modbus
 TCP devices, socketcand daemons. A host that hangs up lets the next one in. A host that does
 not read loses whole answers, never parts of one; they are counted.
+
+It listens on this computer only: its protocols know no password, so an address that others reach
+is refused.
 """
 
 from __future__ import annotations
 
 import errno
+import ipaddress
 import socket
 
 from sim_devices.errors import PortTaken, PortUnavailable
 from sim_devices.line import Line
 
 READ_SIZE = 65_536
+LARGEST_NUMBER = 65_535
 MOST_WAITING = 65_536
 """Bytes kept for a host that does not read, beside what the kernel keeps."""
 
@@ -48,11 +53,16 @@ class TcpServerPort:
         """Listen at the address; raises PortTaken or PortUnavailable."""
         scheme, separator, place = self.address.rpartition("://")
         host, _, number = place.rpartition(":")
-        if not host or not number.isdecimal():
+        if not host or not number.isdecimal() or int(number) > LARGEST_NUMBER:
             raise PortUnavailable(
                 f"port '{self.name}' is at '{self.address}', expected HOST:PORT to listen at"
             )
         try:
+            if not _only_here(host):
+                raise PortUnavailable(
+                    f"port '{self.name}' is at '{self.address}', which others can reach; virtual "
+                    f"devices listen on this computer only, give it an address such as 127.0.0.1:{number}"
+                )
             self._server = socket.create_server((host, int(number)), backlog=1)
         except (OSError, OverflowError) as error:
             kind = PortTaken if getattr(error, "errno", 0) == errno.EADDRINUSE else PortUnavailable
@@ -128,3 +138,9 @@ class TcpServerPort:
         if host is not None:
             host.close()
             self._line.hang_up()
+
+
+def _only_here(host: str) -> bool:
+    """Whether every address of ``host`` is of the loopback interface; raises OSError where it has none."""
+    found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+    return all(ipaddress.ip_address(str(each[4][0])).is_loopback for each in found)
