@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import minimalmodbus
 import pytest
 import serial
-from pymodbus.client import ModbusSerialClient
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
-from recordings.rig import Rig
+from recordings.rig import Rig, parse_rig
+from tests.drivers.families import FAMILIES
 
 pytestmark = [pytest.mark.wires, pytest.mark.usefixtures("no_leaks")]
 
@@ -105,3 +106,38 @@ def test_another_unit_is_silent(address: str) -> None:
         near = minimalmodbus.Instrument(line, 1)
         near.serial.timeout = PATIENCE_S
         assert near.read_register(0, functioncode=4) == 1
+
+
+def test_minimalmodbus_reads_a_register_map_in_its_orders(tmp_path, plant, running) -> None:
+    text = FAMILIES["modbus-rtu"].text.replace(
+        "first_register = 1\nchannels = 2\n",
+        'signals = { x = { address = 10, type = "int32", order = "CDAB" }, '
+        'y = { address = 12, type = "float32", order = "DCBA" } }\nresolution = 0.5\n',
+    )
+    text = text.replace("signal = 0", 'signal = "x"').replace("signal = 1", 'signal = "y"')
+    plant.counts = {"q1": -123_456, "q2": 7}
+    with running(parse_rig(text.replace("/tmp/", f"{tmp_path}/")), plant) as addresses:
+        made = minimalmodbus.Instrument(addresses["line"], 1)
+        made.serial.baudrate = 115_200
+        made.serial.timeout = PATIENCE_S
+        swapped = minimalmodbus.BYTEORDER_LITTLE_SWAP
+        long = made.read_long(10, functioncode=4, signed=True, byteorder=swapped)
+        little = minimalmodbus.BYTEORDER_LITTLE
+        real = made.read_float(12, functioncode=4, byteorder=little)
+        made.serial.close()
+    assert (long, real) == (-123_456, 3.5)
+
+
+def test_pymodbus_reads_the_tcp_converter(plant, running) -> None:
+    plant.counts = {"q1": -70_000, "q2": 6}
+    with running(FAMILIES["modbus-tcp"].rig, plant) as addresses:
+        host, _, port = addresses["line"].rpartition(":")
+        client = ModbusTcpClient(host, port=int(port), timeout=PATIENCE_S, retries=0)
+        assert client.connect()
+        # -70,000 = 0xFFFEEE90, the bytes of each register swapped; 6 counts of 0.25.
+        words = client.read_input_registers(10, count=6, device_id=255).registers
+        assert words == [0xFEFF, 0x90EE, 0, 0, 0x3FC0, 0x0000]
+        info = client.read_device_information(read_code=1, device_id=255).information
+        assert info[0] == b"loopcal virtual"
+        assert client.read_coils(0, count=1, device_id=255).exception_code == 1
+        client.close()
