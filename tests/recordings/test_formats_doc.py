@@ -160,6 +160,7 @@ def test_the_headings_are_those_that_others_link_to() -> None:
         "Rig files",
         "Result files",
         "Gap files",
+        "Info and doctor files",
         "Correction files",
     ]
 

@@ -341,3 +341,15 @@ def test_nothing_is_overwritten(sample: Sample, tmp_path: Path) -> None:
             recover(tmp_path / "a.mcap", tmp_path / target)
     assert (tmp_path / "a.mcap").read_bytes() == sample.data
     assert (tmp_path / "b.mcap").read_bytes() == b"precious"
+
+
+def test_what_a_recovery_notes_is_documented(sample: Sample, tmp_path: Path) -> None:
+    data = bytearray(sample.data)
+    data[len(data) // 2] ^= 1
+    check(sample, bytes(data), tmp_path)
+    doc = (Path(__file__).parents[2] / "docs" / "formats.md").read_text("utf-8")
+    noted = survey(tmp_path / "new.mcap").recovery
+    assert {key.split("/")[0] for key in noted} >= {"source", "library", "damage", "rig"}
+    for key in noted:
+        name, _, rest = key.partition("/")
+        assert f"| `{name}/<topic>` |" in doc if rest else f"| `{name}` |" in doc, key
