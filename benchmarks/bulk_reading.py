@@ -191,7 +191,7 @@ def timed(read: Callable[[Path], tuple[int, int]], path: Path) -> tuple[float, t
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=int, default=30, help="length of each file (7 kHz)")
+    parser.add_argument("--seconds", type=int, default=60, help="length of each file (7 kHz)")
     parser.add_argument("--rounds", type=int, default=3, help="readings of each file")
     given = parser.parse_args()
     rig, _ = rig_text("arm")

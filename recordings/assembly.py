@@ -130,10 +130,11 @@ class Assembly:
             self.damage.append(Damage(first, text))
 
     def _decode_events(self, found: columns.Messages, first: int) -> None:
-        for row in range(len(found.start)):
-            kind, subject = self._topics[int(found.channel_id[row])]
-            time_ns = int(found.time_ns[row])
+        where = (found.channel_id, found.time_ns, found.start, found.start + found.size)
+        rows = zip(*(column.tolist() for column in where), strict=True)
+        for channel_id, time_ns, start, end in rows:
+            kind, subject = self._topics[channel_id]
             try:
-                self.events.append(codec.decode(kind, subject, time_ns, found.payload(row)))
+                self.events.append(codec.decode(kind, subject, time_ns, found.data[start:end]))
             except ValueError as error:
                 self.damage.append(Damage(first, str(error)))

@@ -125,14 +125,12 @@ def decode(kind: Kind, subject: str, time_ns: int, payload: bytes) -> Event:
     values: dict[str, Any] = {"time_ns": time_ns}
     if kind.subject is not None:
         values[kind.subject] = subject
+    present = {field.name: value for field, value in message.ListFields()}
     for name, typed, absent in _fields_of(kind):
-        if message.HasField(name):
-            value = getattr(message, name)
-            values[name] = value if typed is None else typed(value)
-        elif absent is MISSING:
+        value = present.get(name, absent)
+        if value is MISSING:
             raise ValueError(f"a {kind.schema_name} message without '{name}'")
-        else:
-            values[name] = absent
+        values[name] = value if typed is None or value is absent else typed(value)
     return kind.event(**values)
 
 
