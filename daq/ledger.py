@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 
 from daq.event_queue import Checkpoint
 from recordings.events import LedgerEntry
@@ -31,6 +32,13 @@ class Ledger:
         """Readings that were handed to the file are not in it: its disk failed."""
         self._received[channel] -= count
         self._refused[channel] += count
+        entry = self._entries.get(channel)
+        if entry is not None:  # the last one, unless a checkpoint is still to come
+            self._entries[channel] = replace(
+                entry,
+                received=entry.received - count,
+                dropped_by_host=entry.dropped_by_host + count,
+            )
 
     def refused(self, channel: str) -> None:
         """One reading of ``channel`` came when nothing could be written any more."""

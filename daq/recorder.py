@@ -85,6 +85,7 @@ class Recorder:
         if isinstance(error, DiskFailed):
             for channel, count in error.lost.items():
                 self._ledger.lost(channel, count)
+            self._entries = self._ledger.entries
 
     def _refuse(self, items: Iterable[Item]) -> None:
         """Count what comes when nothing can be written any more."""

@@ -137,6 +137,23 @@ def test_what_comes_after_the_disk_failed_is_accounted_for_and_blocks_nobody(wai
     assert sink.closed
 
 
+def test_what_a_disk_takes_with_it_at_the_very_end_is_accounted_for():
+    sink = Sink()
+
+    def close():
+        raise DiskFailed("the disk is full", {"q1": 4})
+
+    sink.close = close
+    queue = EventQueue(capacity=100)
+    recorder = Recorder(sink, queue, ManualClock())
+    queue.offer([*readings(10), Checkpoint({"q1": Losses(10, 0, 0, 0)}, {})])
+    queue.close()
+    recorder.start()
+    recorder.join()
+    entry = recorder.ledger["q1"]
+    assert (entry.received, entry.dropped_by_host, entry.unaccounted) == (6, 4, 0)
+
+
 def test_an_event_that_the_writer_refuses_is_accounted_for():
     sink = Sink()
     sink.fails = RecordingError("a number does not fit")
