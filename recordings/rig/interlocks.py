@@ -80,7 +80,7 @@ class Interlocks(Described):
     quantities: ClassVar[dict[str, tuple[str, ...]]] = {"arming": ("s",), "silence": ("s",)}
 
     arming: float = 600.0
-    silence: float = 0.5
+    silence: float = 1.0
     joints: tuple[JointInterlock, ...] = Field(alias="joint", default=())
     together: tuple[Together, ...] = ()
 
