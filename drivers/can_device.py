@@ -52,6 +52,10 @@ class CanWire(Protocol):
         """
         ...
 
+    def is_wanted(self, identifier: int) -> bool:
+        """Whether a device of the rig, of any protocol, takes frames with this identifier."""
+        ...
+
     def fault(self, time_ns: int, source: str, kind: FaultKind, text: str) -> None:
         """Report a fault that is no answer to a frame; repeated ones are summed up."""
         ...

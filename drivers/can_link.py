@@ -203,6 +203,10 @@ class CanLink:
                     continue
         return answers.get_nowait()
 
+    def is_wanted(self, identifier: int) -> bool:
+        """See `drivers.can_device.CanWire.is_wanted`."""
+        return any(identifier in device.identifiers for device in self._devices)
+
     def fault(self, time_ns: int, source: str, kind: FaultKind, text: str) -> None:
         """Report a fault; called in a turn."""
         self._pending.extend(self._throttle.offer(Fault(time_ns, source, kind, text)))

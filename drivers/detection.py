@@ -67,10 +67,40 @@ _SERIAL: dict[Trouble, Detected | str] = {
     **_PORT,
     Trouble.BUS_OFF: "only a CAN controller can leave its bus",
 }
+_STREAM: dict[Trouble, Detected | str] = {
+    **_SERIAL,
+    Trouble.SILENCE: _as(0.2, FaultKind.SILENT),
+    Trouble.BABBLE: _as(0.3, FaultKind.MALFORMED),
+    Trouble.STUCK: _as(1.1, FaultKind.STUCK),
+    Trouble.WRONG_ID: "the one sender of a stream has no number",
+    Trouble.DUPLICATE: _as(0.3, FaultKind.MALFORMED),
+    Trouble.CHECKSUM: _as(0.3, FaultKind.MALFORMED),
+    Trouble.LATE: "it sends unasked: there is nothing to be late for",
+    Trouble.FOREIGN: "a line has one sender; what two send at once is a duplicated node",
+    Trouble.GAPS: _as(0.5, FaultKind.LOSING),
+    Trouble.RESTART: _as(0.4, FaultKind.SILENT, FaultKind.RESTARTED),
+}
 _CANOPEN: dict[Trouble, Detected | str] = {
     **_CAN,
     Trouble.WRONG_ID: _as(0.6, FaultKind.FOREIGN, FaultKind.SILENT),
     Trouble.RESTART: _as(0.4, FaultKind.RESTARTED),
+}
+
+_NO_READING = "it delivers no reading; what stops to move shows in the sensor of its joint"
+_NO_NUMBER = "it is known by the identifiers of its DBC file alone; under others it is silent"
+_RECEIVES = "who only receives is driven to error passive at most, never off the bus"
+
+_DBC: dict[Trouble, Detected | str] = {
+    **_CAN,
+    Trouble.SILENCE: _as(0.2, FaultKind.SILENT),
+    Trouble.WRONG_ID: _NO_NUMBER,
+    Trouble.DUPLICATE: _as(1.1, FaultKind.DUPLICATED),
+    Trouble.RESTART: _as(0.4, FaultKind.SILENT, FaultKind.RESTARTED),
+}
+_DBC_DRIVE: dict[Trouble, Detected | str] = {
+    **_DBC,
+    Trouble.STUCK: _NO_READING,
+    Trouble.GAPS: "it delivers no reading; its status is repeated, and the last one counts",
 }
 
 DETECTION: Mapping[str, Detection] = MappingProxyType(
@@ -86,10 +116,30 @@ DETECTION: Mapping[str, Detection] = MappingProxyType(
             **_CANOPEN,
             Trouble.SILENCE: _as(1.3, FaultKind.SILENT),
             Trouble.CHECKSUM: _as(1.0, FaultKind.MALFORMED),
-            Trouble.STUCK: "it delivers no reading; what stops to move shows in the sensor of its joint",
+            Trouble.STUCK: _NO_READING,
             Trouble.DUPLICATE: _as(1.2, FaultKind.DUPLICATED),
             Trouble.GAPS: "it delivers no reading; commands are answered, and repeated by who gives them",
         },
+        "canopen-listener": {
+            **_CAN,
+            Trouble.BUS_OFF: _RECEIVES,
+            Trouble.SILENCE: "a drive of another controller may have nothing to say",
+            Trouble.STUCK: _NO_READING,
+            Trouble.WRONG_ID: "it is heard under the number that the rig says, and no other",
+            Trouble.DUPLICATE: "what two drives report under one number are reports like any other",
+            Trouble.GAPS: "it delivers no reading; what another controller sends has no counter",
+            Trouble.RESTART: _as(0.4, FaultKind.RESTARTED),
+        },
+        "dbc-encoder": {
+            **_DBC,
+            Trouble.BUS_OFF: _RECEIVES,
+            Trouble.STUCK: _as(1.1, FaultKind.STUCK),
+            Trouble.GAPS: _as(0.5, FaultKind.LOSING),
+        },
+        "dbc-joint": _DBC_DRIVE,
+        "dbc-listener": {**_DBC_DRIVE, Trouble.BUS_OFF: _RECEIVES},
+        "cobs-adc": _STREAM,
+        "ascii-adc": _STREAM,
         "modbus-adc": {
             **_SERIAL,
             Trouble.SILENCE: _as(0.2, FaultKind.SILENT),

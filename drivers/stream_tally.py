@@ -4,6 +4,7 @@ Two things can say that readings are missing, and both are used:
 
 - a sample counter: a step of n means that n - 1 were lost on the way. Exact, however often the
   counter wraps in the meantime, as long as a period is known or the pause is below half a turn.
+  A step for which there was no time is a damaged or another device's counter, and no loss.
 - the period: a pause of n periods means that n - 1 are missing. Without a counter this is an
   estimate: readings that were only held up come in a burst, and are then taken off again.
 
@@ -22,6 +23,12 @@ MEMORY = 64
 """Pauses over which the mean one is taken."""
 
 FEWEST_PAUSES = 4
+
+ROOM = 20.0
+"""Readings by which a burst may run ahead of its time."""
+
+HURRY = 1.25
+"""How much faster than it says, or than it did, a device may be."""
 
 
 class StreamTally:
@@ -47,6 +54,7 @@ class StreamTally:
         self._fresh = False
         self._pauses = 0
         self._mean_ns = 0.0
+        self._room = ROOM
 
     def begin(self, now_ns: int) -> None:
         """From now on, readings are expected."""
@@ -69,9 +77,12 @@ class StreamTally:
                 None where there is no counter, or it tells nothing (the first reading, a restart).
         """
         self._received += 1
+        room = self._room_until(time_ns)
         if step is not None:
-            if step > 1:
-                self._stepped_over += step - 1
+            missing = min(step - 1, room)
+            if missing > 0:
+                self._stepped_over += missing
+                self._room -= missing
                 self._gaps += not self._away
         elif self._last_ns is not None:
             self._judge_pause(time_ns - self._last_ns)
@@ -99,6 +110,17 @@ class StreamTally:
             lost_in_gaps=in_gaps,
             gaps=self._gaps,
         )
+
+    def _room_until(self, time_ns: int) -> int:
+        """How many readings more than this one the time can have held, as far as it is known."""
+        known = [self._period_ns] if self._period_ns is not None else []
+        if self._pauses >= FEWEST_PAUSES and self._mean_ns > 0:
+            known.append(round(self._mean_ns))
+        if not known or self._last_ns is None:
+            return 1 << 32
+        passed = HURRY * (time_ns - self._last_ns) / max(min(known), 1)
+        self._room = max(min(self._room, ROOM) + passed - 1.0, 0.0)
+        return int(self._room)
 
     def _period(self) -> float | None:
         """The period to judge a pause by now [ns], None where there is none."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from sim_devices.can_bus import CanNode, Frame
-from sim_devices.canopen import JointDrive
 from sim_devices.dbc import DriveDescription, packed
 from sim_devices.plant_seam import Plant
 
@@ -73,10 +72,13 @@ class ForeignController(CanNode):
 
 
 def canopen_words(node_id: int) -> Say:
-    """CiA 402 by PDO: modes by RPDO1, set-points by RPDO2."""
+    """CiA 402 by PDO: modes by RPDO1, set-points by RPDO2; the drive is started first."""
     last: list[tuple[str, int]] = []
 
     def say(mode: str, target: int) -> Sequence[Frame]:
+        if not last:
+            last[:] = [("", 0)]
+            return [Frame(0x000, bytes([0x01, node_id]))]
         if last == [(mode, target)]:
             # It repeats what is cyclic, as controllers do, and commands nothing by it.
             return [_rpdo1(node_id, 0x0F if mode != "off" else 0x00, _operation(mode)), SYNC]
@@ -89,13 +91,6 @@ def canopen_words(node_id: int) -> Say:
         return [*frames, SYNC]
 
     return say
-
-
-def start(drive: JointDrive, time_s: float = 0.0) -> JointDrive:
-    """Make a CANopen drive operational, as its controller does first."""
-    drive.tick(time_s)
-    drive.receive(Frame(0x000, bytes([0x01, drive.identity.node_id])), time_s)
-    return drive
 
 
 def _operation(mode: str) -> int:

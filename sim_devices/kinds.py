@@ -17,7 +17,7 @@ from sim_devices.canopen import Encoder, JointDrive
 from sim_devices.crystal import crystal_of
 from sim_devices.dbc_kinds import dbc_encoder, dbc_joint, dbc_listener
 from sim_devices.errors import DeviceNotSimulated
-from sim_devices.foreign_controller import ForeignController, canopen_words, start
+from sim_devices.foreign_controller import ForeignController, canopen_words
 from sim_devices.line import SerialDevice, SerialLine
 from sim_devices.modbus_kinds import modbus_adc, modbus_tcp_adc
 from sim_devices.options import channels_of, option, sensed
@@ -57,7 +57,7 @@ def canopen_joint(rig: Rig, device: Device, plant: Plant) -> JointDrive:
 
 def canopen_listener(rig: Rig, device: Device, plant: Plant) -> ForeignController:
     """A CiA 402 drive and the other controller that commands it. Options: ``node_id`` 1..127."""
-    drive = start(canopen_joint(rig, device, plant))
+    drive = canopen_joint(rig, device, plant)
     node_id = option(device, "node_id", 1, 127)
     return ForeignController(drive, sensed(rig, device), plant, canopen_words(node_id))
 

@@ -6,6 +6,7 @@ Wire contract (node id n, little-endian), all of it received:
     SDO     0x600 + n   expedited writes of 0x6040, 0x6060, 0x607A, 0x6071
     TPDO 1  0x180 + n   bytes 0-1 status word, byte 2 mode display if present
     EMCY    0x080 + n   error code
+    boot-up 0x700 + n  00   the drive has restarted: what it was told before is forgotten
 
 A command is recorded when control word, mode or target has changed what the drive is told: the
 mode follows from the control word and the mode of operation as in `drivers.canopen.cia402`.
@@ -30,7 +31,8 @@ from drivers.canopen.cia402 import Operation, State, decode, mode_of, state_of
 from drivers.driver import DeviceSpec, Driver
 from drivers.errors import Malformed, OptionError
 from drivers.passive import PassiveDevice
-from recordings.events import Event, Mode, ModeCommand, ModeReport
+from recordings.events import Event, Fault, Mode, ModeCommand, ModeReport
+from recordings.faults import FaultKind
 from recordings.rig import CanPort
 from recordings.rig.quantity import Described, fail
 
@@ -51,7 +53,7 @@ DEFAULT_RPDO: dict[str, tuple[str, ...]] = {
     "2": ("control", "position"),
     "3": ("control", "torque"),
 }
-EMCY, TPDO1, SDO_REQUEST = 0x080, 0x180, 0x600
+EMCY, TPDO1, SDO_REQUEST, HEARTBEAT = 0x080, 0x180, 0x600, 0x700
 DOWNLOAD, EXPEDITED = 0x20, 0x02
 SWITCHED_ON = 0x0F
 """Control word bits that are all set while operation is to be enabled."""
@@ -145,7 +147,8 @@ class CanopenListener(PassiveDevice):
             for number, objects in spec.options.rpdo.items()
         }
         self._tpdo, self._sdo, self._emcy = TPDO1 + node_id, SDO_REQUEST + node_id, EMCY + node_id
-        self.identifiers = (*self._pdos, self._tpdo, self._sdo, self._emcy)
+        self._beat = HEARTBEAT + node_id
+        self.identifiers = (*self._pdos, self._tpdo, self._sdo, self._emcy, self._beat)
         self._begin()
 
     def start(self) -> None:
@@ -168,7 +171,18 @@ class CanopenListener(PassiveDevice):
             code = int.from_bytes(frame.data[:2], "little")
             self._error_code = code if code >> 8 else 0
             return ()
+        if frame.identifier == self._beat:
+            return self._booted(frame) if frame.data[:1] == b"\0" else ()
         return self._reported(frame)
+
+    def _booted(self, frame: Frame) -> Sequence[Event]:
+        self._begin()
+        text = f"{self.name} has restarted by itself"
+        goes_on = f"{self.name} goes on; setting it up is its controller's affair"
+        return (
+            Fault(frame.time_ns, self.name, FaultKind.RESTARTED, text),
+            Fault(frame.time_ns, self.name, FaultKind.STARTED, goes_on),
+        )
 
     def _written(self, values: Mapping[str, int], frame: Frame, way: str) -> Sequence[Event]:
         if not values:

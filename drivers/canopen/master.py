@@ -113,7 +113,7 @@ class CanopenMaster:
         function, node_id = frame.identifier & FUNCTION, frame.identifier & ~FUNCTION
         node = self._nodes.get(node_id)
         if node is None:
-            if frame.data[:1] == b"\0":
+            if frame.data[:1] == b"\0" and not self._wire.is_wanted(frame.identifier):
                 text = (
                     f"node {node_id} has booted, which the rig does not name on port '{self.name}'"
                 )

@@ -212,6 +212,7 @@ class StreamLink:
             self._pending.append(reopened)
             if self._sampling:
                 self._port.write(self._sensor.options.start_text)
+                self._sensor.start(self._clock.now_ns())
 
     def _listen(self) -> str:
         """Wait for a sample; what is wrong, "" when one came."""

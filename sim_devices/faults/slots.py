@@ -124,7 +124,9 @@ class Slot(Generic[Unit, Message]):
                 continue
             damaged = bool(disturbance.corrupt) and self._random.random() < disturbance.corrupt
             arrives = self._damage(message, self._random) if damaged else message
-            self._delayed.append((time_s + disturbance.delay_s, arrives))
+            # A delay that has become shorter lets nothing overtake what is under way.
+            before_s = self._delayed[-1][0] if self._delayed else time_s
+            self._delayed.append((max(time_s + disturbance.delay_s, before_s), arrives))
         arriving = [message for due_s, message in self._delayed if due_s <= time_s]
         self._delayed = [(due_s, message) for due_s, message in self._delayed if due_s > time_s]
         return arriving

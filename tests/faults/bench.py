@@ -10,6 +10,7 @@ import math
 import random
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from daq.event_queue import Checkpoint
 from daq.ledger import Ledger
@@ -51,7 +52,17 @@ noise_counts = 2
 """
 CAN = 'kind = "can"\ninterface = "slcan"\nchannel = "/tmp/no-such-can"'
 SERIAL = 'kind = "serial"\npath = "/tmp/no-such-line"'
-ENCODER = ("canopen-encoder", "encoder", "node_id = 3")
+DRIVE = """
+command = "DriveCommand"
+status = "DriveStatus"
+mode = "Mode"
+reported_mode = "Shown"
+modes = { off = 0, free = 1, position = 2, torque = 3 }
+target_position = "Target"
+target_torque = "Torque"
+error = "Error"
+"""
+FILES = {"bench.dbc": Path(__file__).parents[1] / "drivers" / "bench.dbc"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,24 +71,50 @@ class Case:
 
     Attributes:
         port: keys of its port.
-        options: keys of its options.
+        options: table of its options.
         signal: its channel's signal, "" where it has none.
         moves: whether it is a drive; an encoder then senses its joint.
+        file: its DBC file, "" where it has none.
+        streams: whether it samples by its own clock rather than when it is asked.
     """
 
     port: str
     options: str
     signal: str = ""
     moves: bool = False
+    file: str = ""
+    streams: bool = False
 
 
 CASES: Mapping[str, Case] = {
     "canopen-encoder": Case(CAN, "node_id = 3"),
     "canopen-joint": Case(CAN, "node_id = 17", moves=True),
+    "canopen-listener": Case(CAN, "node_id = 17", moves=True),
+    "dbc-encoder": Case(
+        CAN,
+        'counter = "Count"\nclock = "Time"\nclock_tick_us = 1000',
+        signal='signal = "ElbowPosition.Angle"',
+        file="bench.dbc",
+        streams=True,
+    ),
+    "dbc-joint": Case(CAN, DRIVE + 'actual_position = "Actual"', moves=True, file="bench.dbc"),
+    "dbc-listener": Case(CAN, DRIVE, moves=True, file="bench.dbc"),
     "modbus-adc": Case(
         SERIAL,
-        "unit_id = 1, channels = 1, first_register = 1, counter_register = 0, timeout_s = 0.1",
+        "unit_id = 1\nchannels = 1\nfirst_register = 1\ncounter_register = 0\ntimeout_s = 0.1",
         signal="signal = 0",
+    ),
+    "cobs-adc": Case(
+        SERIAL,
+        'fields = ["sequence:u16", "time:u32", "x:i32"]\nsample_hz = 100',
+        signal='signal = "x"',
+        streams=True,
+    ),
+    "ascii-adc": Case(
+        SERIAL,
+        'pattern = "{sequence},{time},{x}"\nsequence_bits = 16\nsample_hz = 100',
+        signal='signal = "x"',
+        streams=True,
     ),
 }
 """Of each driver, one device: the device under test is called "device", its port "port"."""
@@ -88,18 +125,21 @@ def rig_of(driver: str) -> Rig:
     case = CASES[driver]
     text = MECHANISM + f'[[port]]\nname = "port"\n{case.port}\n'
     joint = 'joint = "joint"\n' if case.moves else ""
-    text += _device("device", driver, case.options, joint)
+    file = f'file = "{case.file}"\n' if case.file else ""
+    text += _device("device", driver, case.options, joint + file)
     if case.moves:
         text += _device("encoder", "canopen-encoder", "node_id = 3", "")
     sensor = "encoder" if case.moves else "device"
     text += CHANNEL.format(name="q", senses="joint", device=sensor, signal=case.signal)
+    if case.file:
+        text += f"[files]\n'{case.file}' = '''\n{FILES[case.file].read_text('utf-8')}'''\n"
     return parse_rig(text)
 
 
-def _device(name: str, driver: str, options: str, joint: str) -> str:
+def _device(name: str, driver: str, options: str, more: str) -> str:
     return (
-        f'[[device]]\nname = "{name}"\ndriver = "{driver}"\nport = "port"\n{joint}'
-        f"options = {{ {options} }}\n"
+        f'[[device]]\nname = "{name}"\ndriver = "{driver}"\nport = "port"\n{more}'
+        f"[device.options]\n{options}\n"
     )
 
 
