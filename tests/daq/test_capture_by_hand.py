@@ -84,5 +84,5 @@ def test_drives_are_free_while_a_hand_moves_the_mechanism(arm, tmp_path):
         options=CaptureOptions(max_duration_s=3.0),
     )
     assert summary.ending is Ending.STOPPED
-    assert modes[-1] == {Mode.FREE}
+    assert modes[-2:] == [{Mode.FREE}, {Mode.OFF}]
     assert set(arm.modes.values()) == {Mode.OFF}
