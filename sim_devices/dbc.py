@@ -19,7 +19,7 @@ from sim_devices.plant_seam import Plant, PlantMode
 
 DEFAULT_CYCLE_S = 0.01
 CYCLES_OF_PATIENCE = 5
-SHORTEST_PATIENCE_S = 0.5
+SHORTEST_PATIENCE_S = 1.0
 LATEST_S = 0.1
 """A device that was held up for longer does not make up for it."""
 
@@ -158,7 +158,7 @@ class DriveDescription:
         reported_mode, error, actual_position: signals of the status, likewise.
         modes, reported_modes: raw value of each mode.
         per_count, at_zero: of a target position.
-        period_s: time between two status messages, and two commands.
+        command_s, status_s: time between two of each [s].
     """
 
     command: Message
@@ -173,7 +173,8 @@ class DriveDescription:
     error: str
     per_count: float
     at_zero: float
-    period_s: float
+    command_s: float
+    status_s: float
 
     def counts(self, position: int) -> int:
         """Counts of a raw position."""
@@ -185,7 +186,7 @@ class DriveDescription:
 
 
 class DbcDrive(CanNode):
-    """A joint drive that watches its command: after 0.5 s (or five cycles) without, it is in fault.
+    """A joint drive that watches its command: after 1 s (or five cycles) without, it is in fault.
 
     Off acknowledges a fault, once the plant has none.
     """
@@ -197,8 +198,8 @@ class DbcDrive(CanNode):
         self._joint = joint
         self._channel = channel
         self._plant = plant
-        self._cycle = Cycle(description.period_s)
-        self._patience_s = max(CYCLES_OF_PATIENCE * description.period_s, SHORTEST_PATIENCE_S)
+        self._cycle = Cycle(description.status_s)
+        self._patience_s = max(CYCLES_OF_PATIENCE * description.command_s, SHORTEST_PATIENCE_S)
         self._names = {value: name for name, value in description.modes.items()}
         self._mode: PlantMode = "off"
         self._fault = 0

@@ -63,9 +63,10 @@ def _drive(rig: Rig, device: Device) -> DriveDescription:
     command = _message(known, text(device, "command"), device)
     cycle_ms = option(device, "cycle_ms", 1, 60_000) if "cycle_ms" in device.options else None
     modes = dict(device.options.get("modes", {}))
+    status = _message(known, text(device, "status"), device)
     return DriveDescription(
         command=command,
-        status=_message(known, text(device, "status"), device),
+        status=status,
         mode=text(device, "mode"),
         reported_mode=text(device, "reported_mode"),
         modes=modes,
@@ -76,7 +77,8 @@ def _drive(rig: Rig, device: Device) -> DriveDescription:
         error=text(device, "error", ""),
         per_count=number(device, "target_per_count", 1.0),
         at_zero=float(device.options.get("target_at_zero", 0.0)),
-        period_s=cycle_s(command, cycle_ms),
+        command_s=cycle_s(command, cycle_ms),
+        status_s=cycle_s(status, None),
     )
 
 
