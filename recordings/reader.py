@@ -65,7 +65,8 @@ def read_recording(path: str | Path, *, damaged_ok: bool = False) -> Recording:
     if recording.damage and not damaged_ok:
         raise DamagedRecording(
             f"'{path}' is damaged: {_first_lines(recording.damage)}. "
-            f"What can still be read: {_summary(recording)}."
+            f"What can still be read: {_summary(recording)}; "
+            f"`loopcal recover {path} -o NEW.mcap` saves it."
         )
     return recording
 

@@ -20,8 +20,11 @@ _Json = Annotated[bool, typer.Option("--json", help="Print it as JSON, for progr
 def info(files: _Files, as_json: _Json = False) -> None:
     """Show what a recording is: rig, session, channels, rates, losses, dwells, marks, faults.
 
-    Exit code 0: whole. 1: damaged, but readable. 2: no recording. 3: hopeless, nothing of it can
-    be used. Of several files the worst counts.
+    Exit codes, of several files the highest:
+    0: whole.
+    1: damaged, but readable.
+    2: no such file, or another kind of file.
+    3: hopeless, nothing of it can be used.
     """
     from loopcal.info import run_info
 
@@ -34,8 +37,11 @@ def info(files: _Files, as_json: _Json = False) -> None:
 def doctor(files: _Files, as_json: _Json = False) -> None:
     """Tell what is wrong with a recording, how bad that is, and what to do about it.
 
-    Exit code 0: whole, and nothing is bad. 1: damaged, or something is bad. 2: no recording.
-    3: hopeless, nothing of it can be used. Of several files the worst counts.
+    Exit codes, of several files the highest:
+    0: whole, and nothing is bad.
+    1: damaged but readable, or something is bad.
+    2: no such file, or another kind of file.
+    3: hopeless, nothing of it can be used.
     """
     from loopcal.doctor import run_doctor
 
@@ -55,8 +61,11 @@ def recover(
 ) -> None:
     """Write all that can be read of a damaged recording, and of all its parts, to a new one.
 
-    FILE is only read. Exit code 0: it was whole. 1: it was damaged, and is recovered. 2: wrong
-    use. 3: hopeless, nothing of it can be used; then no file is written.
+    FILE is only read. Exit codes:
+    0: it was whole, and is copied.
+    1: it was damaged, and is recovered.
+    2: no such file, another kind of file, or the output exists.
+    3: hopeless, nothing of it can be used; no file is written.
     """
     from loopcal.recovering import run_recover
 

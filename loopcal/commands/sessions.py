@@ -119,7 +119,7 @@ def capture(
     rotate_mb: Annotated[
         float | None,
         typer.Option(
-            "--rotate-mb", metavar="MB", help="Go on in a new file (FILE.002.mcap) at this size."
+            "--rotate-mb", metavar="MB", help="Go on in a new file (run.002.mcap) at this size."
         ),
     ] = None,
     rotate_s: Annotated[
