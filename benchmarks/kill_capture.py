@@ -34,7 +34,9 @@ def killed_capture(path: Path, ports: list[str], fsync: str, run_s: float) -> in
     """Record to ``path`` and kill the recorder; returns the host time of the kill [ns]."""
     command = [sys.executable, "-m", "loopcal", "capture", RIG, "-o", str(path), "--fsync", fsync]
     with subprocess.Popen([*command, *ports], stdout=subprocess.DEVNULL) as capture:
-        while not path.exists():
+        first = 0
+        while first == 0 or path.stat().st_size == first:  # until the first flush
+            first = first or (path.stat().st_size if path.exists() else 0)
             if capture.poll() is not None:
                 raise SystemExit(f"the capture ended by itself with code {capture.returncode}")
             time.sleep(0.01)
