@@ -4,7 +4,9 @@ Two things can say that readings are missing, and both are used:
 
 - a sample counter: a step of n means that n - 1 were lost on the way. Exact, however often the
   counter wraps in the meantime, as long as a period is known or the pause is below half a turn.
-  A step for which there was no time is a damaged or another device's counter, and no loss.
+  A step for which there was no time is doubtful: frames that were lost behind full buffers, while
+  the host was held up, look so, and so does a damaged or another device's counter. It counts
+  once the next reading goes on from there, and is no loss where the counter goes back.
 - the period: a pause of n periods means that n - 1 are missing. Without a counter this is an
   estimate: readings that were only held up come in a burst, and are then taken off again.
 
@@ -55,6 +57,8 @@ class StreamTally:
         self._pauses = 0
         self._mean_ns = 0.0
         self._room = ROOM
+        self._doubtful = 0
+        self._anew = True
 
     def begin(self, now_ns: int) -> None:
         """From now on, readings are expected."""
@@ -79,13 +83,11 @@ class StreamTally:
         self._received += 1
         room = self._room_until(time_ns)
         if step is not None:
-            missing = min(step - 1, room)
-            if missing > 0:
-                self._stepped_over += missing
-                self._room -= missing
-                self._gaps += not self._away
+            self._take_step(step, room)
         elif self._last_ns is not None:
             self._judge_pause(time_ns - self._last_ns)
+        if step is None:
+            self._doubtful, self._anew = 0, True
         if self._last_ns is not None and not (self._away or self._fresh):
             self._pauses += 1
             pause_ns = time_ns - self._last_ns
@@ -96,6 +98,8 @@ class StreamTally:
     def end(self, now_ns: int) -> None:
         """No readings are expected any more; what is missing by now stays missing."""
         self._charge(self._overdue(now_ns))
+        self._step_over(self._doubtful)
+        self._doubtful = 0
         self._last_ns = None
         self._away = False
 
@@ -110,6 +114,25 @@ class StreamTally:
             lost_in_gaps=in_gaps,
             gaps=self._gaps,
         )
+
+    def _take_step(self, step: int, room: int) -> None:
+        """Count what the counter has stepped over, now or once it is sure."""
+        self._step_over(self._doubtful)  # the counter has gone on from there
+        self._doubtful = 0
+        missing = step - 1
+        if missing > room and not self._anew:
+            self._doubtful = missing
+        else:
+            # Behind a counter that went back, another jump may be its way to where it was.
+            missing = min(missing, room)
+            self._step_over(missing)
+            self._room -= max(missing, 0)
+        self._anew = False
+
+    def _step_over(self, missing: int) -> None:
+        if missing > 0:
+            self._stepped_over += missing
+            self._gaps += not self._away
 
     def _room_until(self, time_ns: int) -> int:
         """How many readings more than this one the time can have held, as far as it is known."""
