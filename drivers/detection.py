@@ -138,6 +138,19 @@ DETECTION: Mapping[str, Detection] = MappingProxyType(
         },
         "dbc-joint": _DBC_DRIVE,
         "dbc-listener": {**_DBC_DRIVE, Trouble.BUS_OFF: _RECEIVES},
+        "modbus-adc over TCP": {
+            **_SERIAL,
+            Trouble.SILENCE: _as(0.2, FaultKind.SILENT),
+            Trouble.BABBLE: _as(0.1, FaultKind.BROKEN),
+            Trouble.STUCK: _as(1.1, FaultKind.STUCK),
+            Trouble.WRONG_ID: _as(0.2, FaultKind.SILENT),
+            Trouble.DUPLICATE: "a connection leads to one server",
+            Trouble.CHECKSUM: "TCP repeats what arrives damaged, until it arrives whole",
+            Trouble.LATE: _as(0.3, FaultKind.LATE, FaultKind.SILENT),
+            Trouble.FOREIGN: _as(0.2, FaultKind.FOREIGN),
+            Trouble.GAPS: _as(0.4, FaultKind.SILENT, FaultKind.LOSING),
+            Trouble.RESTART: _as(0.4, FaultKind.SILENT, FaultKind.RESTARTED),
+        },
         "cobs-adc": _STREAM,
         "ascii-adc": _STREAM,
         "modbus-adc": {
@@ -155,4 +168,4 @@ DETECTION: Mapping[str, Detection] = MappingProxyType(
         },
     }
 )
-"""Of each built-in driver, how each trouble is noticed."""
+"""Of each built-in driver, how each trouble is noticed; a driver for two kinds of port has two rows."""

@@ -148,7 +148,22 @@ class CanSlot(Slot[CanNode, Frame]):
 
 
 class LineSlot(Slot[SerialDevice, bytes]):
-    """The place of a device on a serial or TCP line; see `sim_devices.line.SerialDevice`."""
+    """The place of a device on a line; see `sim_devices.line.SerialDevice`.
+
+    ``tcp`` says that the line is a connection, on which nothing collides.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        make: Callable[[Device], SerialDevice],
+        power_off: Callable[[], None],
+        seed: int,
+        *,
+        tcp: bool = False,
+    ) -> None:
+        super().__init__(device, make, power_off, flip_a_bit, seed)
+        self._tcp = tcp
 
     def receive(self, data: bytes, time_s: float) -> bytes:
         """Take bytes from the line; returns what arrives at the host at once."""
@@ -166,9 +181,10 @@ class LineSlot(Slot[SerialDevice, bytes]):
             device.hang_up()
 
     def _say(self, answers: Sequence[bytes], time_s: float) -> bytes:
-        said = _collided([answer for answer in answers if answer])
+        given = [answer for answer in answers if answer]
+        said = b"".join(given) if self._tcp else _collided(given)
         if said and self.disturbance.foreign:
-            said = _of_another_unit(said) + said
+            said = (_of_another_server if self._tcp else _of_another_unit)(said) + said
         return b"".join(self._arriving([said] if said else [], time_s))
 
 
@@ -200,3 +216,8 @@ def _of_another_unit(reply: bytes) -> bytes:
     """A Modbus RTU reply as the next unit would have sent it."""
     body = bytes([reply[0] % 247 + 1]) + reply[1:-2]
     return body + crc16(body).to_bytes(2, "little")
+
+
+def _of_another_server(reply: bytes) -> bytes:
+    """A Modbus TCP reply as the next unit would have sent it."""
+    return reply[:6] + bytes([reply[6] % 247 + 1]) + reply[7:]

@@ -113,7 +113,7 @@ FAULTS: Mapping[str, FaultType] = {
             DEVICES,
             Amount.NONE,
             True,
-            "A second device of the same number appears; on a serial line their answers collide.",
+            "A second device of the same number appears; on a serial line what they say collides.",
         ),
         FaultType(
             "corrupt",
@@ -141,7 +141,7 @@ FAULTS: Mapping[str, FaultType] = {
             (Target.LINE_DEVICE,),
             Amount.NONE,
             True,
-            "A valid Modbus RTU reply of another unit comes in front of each of its own.",
+            "A valid Modbus reply of another unit comes in front of each of its own.",
         ),
         FaultType(
             "restart",

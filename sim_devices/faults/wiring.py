@@ -10,14 +10,14 @@ import zlib
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from recordings.rig import CanPort, Device, Rig
+from recordings.rig import CanPort, Device, Rig, TcpPort
 from sim_devices.bus_port import BusPort
 from sim_devices.can_bus import CanBus
 from sim_devices.faults.babble import Babbler, BabblingDevice, BabblingNode
 from sim_devices.faults.injector import Active
 from sim_devices.faults.plug import DamagedLine, Plug
 from sim_devices.faults.script import Order
-from sim_devices.faults.slots import CanSlot, Disturbance, LineSlot, flip_a_bit, undamaged
+from sim_devices.faults.slots import CanSlot, Disturbance, LineSlot, undamaged
 from sim_devices.faults.stuck import StuckPlant
 from sim_devices.line import Line, SerialLine, SlcanLine
 from sim_devices.plant_seam import Plant
@@ -49,6 +49,7 @@ class Wiring:
         self._seed = seed
         self._devices = {device.name: device for device in rig.devices}
         self._can = {port.name for port in rig.ports if isinstance(port, CanPort)}
+        self._tcp = {port.name for port in rig.ports if isinstance(port, TcpPort)}
         self._slots: dict[str, CanSlot | LineSlot] = {}
         self._babblers: dict[str, Babbler] = {}
         self._ways: dict[str, Corruptible] = {}
@@ -67,7 +68,7 @@ class Wiring:
         if device.port in self._can:
             slot: CanSlot | LineSlot = CanSlot(device, make, power_off, undamaged, self._seed)
         else:
-            slot = LineSlot(device, make, power_off, flip_a_bit, self._seed)
+            slot = LineSlot(device, make, power_off, self._seed, tcp=device.port in self._tcp)
         self._slots[device.name] = slot
         return slot
 

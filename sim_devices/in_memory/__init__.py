@@ -1,7 +1,8 @@
 """Virtual benches without wires or real time: hosts find their ports by URL in the same process.
 
 A port is ``loopcal://NAME``, which pyserial opens like any other (`protocol_loopcal`), and so
-does an slcan bus on it. Bytes are those of the wires; an answer is there as soon as the
+does an slcan bus on it; a TCP port is an address that only `socket.create_connection` of this
+process knows (`tcp`). Bytes are those of the wires; an answer is there as soon as the
 device gives it, and time passes only while somebody waits for it or advances the clock
 (`sim_devices.virtual_time`). One thread.
 """

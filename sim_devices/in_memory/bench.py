@@ -9,12 +9,13 @@ from functools import partial
 
 import serial  # type: ignore[import-untyped]
 
-from recordings.rig import Rig
+from recordings.rig import CanPort, Rig, SerialPort, TcpPort
 from sim_devices.bench import STEP_S, build_ports
 from sim_devices.faults.injector import Injector
 from sim_devices.faults.plug import Plug
 from sim_devices.faults.wiring import Wiring
-from sim_devices.in_memory.port import MemoryPort, attempts
+from sim_devices.in_memory.port import SCHEME, TCP_HOST, MemoryPort, attempts
+from sim_devices.in_memory.tcp import connections_in_memory
 from sim_devices.line import Line
 from sim_devices.moving import moved_rig
 from sim_devices.plant_seam import Plant
@@ -55,8 +56,7 @@ class MemoryBench:
         self._plant = plant
         self.faults = faults or Injector(rig)
         wiring = self._wiring = Wiring(rig, plant, seed)
-        number = next(_numbers)
-        paths = {port.name: f"{number}/{port.name}" for port in rig.ports}
+        paths = {port.name: _place(port) for port in rig.ports}
         self._made: list[MemoryPort] = []
         built = build_ports(rig, wiring, paths, self._port)
         self._ports = [wiring.plug(port) for port in built]
@@ -66,7 +66,8 @@ class MemoryBench:
         self.rig = moved_rig(rig, addresses)
 
     def _port(self, name: str, path: str, line: Line) -> Port:
-        port = MemoryPort(name, path, line)
+        address = path if path.startswith(TCP_HOST) else f"{SCHEME}://{path}"
+        port = MemoryPort(name, address, line)
         self._made.append(port)
         return port
 
@@ -87,6 +88,7 @@ class MemoryBench:
             self._tick(self._clock.time_s)
             stack.enter_context(self._clock.calling(STEP_S, self._tick))
             stack.enter_context(time_is(self._clock))
+            stack.enter_context(connections_in_memory())
             yield
 
     def attempts(self, port: str) -> int:
@@ -108,3 +110,8 @@ class MemoryBench:
         for port in self._ports:
             port.tick(now_s)
         self.faults.advance(now_s)
+
+
+def _place(port: CanPort | SerialPort | TcpPort) -> str:
+    number = next(_numbers)
+    return f"{TCP_HOST}:{number}" if isinstance(port, TcpPort) else f"{number}/{port.name}"

@@ -10,6 +10,8 @@ from sim_devices.errors import PortTaken
 from sim_devices.line import Line
 
 SCHEME = "loopcal"
+TCP_HOST = "loopcal.invalid"
+"""Of the addresses of TCP ports in memory: a name that no network has."""
 MOST_WAITING = 65_536
 """Bytes kept for a host that does not read."""
 
@@ -17,11 +19,11 @@ _open_ports: dict[str, MemoryPort] = {}
 
 
 class MemoryPort:
-    """The far end of ``loopcal://NAME``; see `sim_devices.port.Port`.
+    """The far end of an address in memory; see `sim_devices.port.Port`.
 
     Attributes:
         name: port name of the rig.
-        address: URL for hosts.
+        address: ``loopcal://NAME``, or ``loopcal.invalid:NUMBER`` of a TCP port.
         on_written: called when the host has sent something.
         opened: how often a host has tried to open it, since it was made.
         lost_bytes: bytes thrown away because the host did not read.
@@ -29,9 +31,9 @@ class MemoryPort:
 
     polled = False
 
-    def __init__(self, name: str, path: str, line: Line) -> None:
+    def __init__(self, name: str, address: str, line: Line) -> None:
         self.name = name
-        self.address = f"{SCHEME}://{path}"
+        self.address = address
         self.on_written: Callable[[], None] = _nobody
         self.opened = 0
         self.lost_bytes = 0
@@ -138,9 +140,11 @@ attempts: dict[str, int] = {}
 
 
 def connect(address: str) -> HostEnd:
-    """The host's end of the port at ``address``; raises OSError as opening a device file does."""
+    """The host's end of the port at ``address``; raises OSError as opening it would anywhere."""
     attempts[address] = attempts.get(address, 0) + 1
     port = _open_ports.get(address)
+    if port is None and address.startswith(TCP_HOST):
+        raise ConnectionRefusedError(errno.ECONNREFUSED, os.strerror(errno.ECONNREFUSED))
     if port is None:
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), address)
     return port.connect()

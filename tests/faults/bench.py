@@ -51,6 +51,7 @@ count_range = [0, 1000000]
 noise_counts = 2
 """
 CAN = 'kind = "can"\ninterface = "slcan"\nchannel = "/tmp/no-such-can"'
+TCP = 'kind = "tcp"\naddress = "127.0.0.1:502"'
 SERIAL = 'kind = "serial"\npath = "/tmp/no-such-line"'
 DRIVE = """
 command = "DriveCommand"
@@ -72,6 +73,7 @@ class Case:
     Attributes:
         port: keys of its port.
         options: table of its options.
+        driver: its driver, where the case has another name.
         signal: its channel's signal, "" where it has none.
         moves: whether it is a drive; an encoder then senses its joint.
         file: its DBC file, "" where it has none.
@@ -80,6 +82,7 @@ class Case:
 
     port: str
     options: str
+    driver: str = ""
     signal: str = ""
     moves: bool = False
     file: str = ""
@@ -104,6 +107,12 @@ CASES: Mapping[str, Case] = {
         "unit_id = 1\nchannels = 1\nfirst_register = 1\ncounter_register = 0\ntimeout_s = 0.1",
         signal="signal = 0",
     ),
+    "modbus-adc over TCP": Case(
+        TCP,
+        "unit_id = 1\nchannels = 1\nfirst_register = 1\ncounter_register = 0\ntimeout_s = 0.1",
+        driver="modbus-adc",
+        signal="signal = 0",
+    ),
     "cobs-adc": Case(
         SERIAL,
         'fields = ["sequence:u16", "time:u32", "x:i32"]\nsample_hz = 100',
@@ -117,12 +126,13 @@ CASES: Mapping[str, Case] = {
         streams=True,
     ),
 }
-"""Of each driver, one device: the device under test is called "device", its port "port"."""
+"""Of each driver (and kind of port), one device: the device under test is called "device", its port "port"."""
 
 
-def rig_of(driver: str) -> Rig:
-    """A rig with one device of ``driver``."""
-    case = CASES[driver]
+def rig_of(name: str) -> Rig:
+    """A rig with the device of a case."""
+    case = CASES[name]
+    driver = case.driver or name
     text = MECHANISM + f'[[port]]\nname = "port"\n{case.port}\n'
     joint = 'joint = "joint"\n' if case.moves else ""
     file = f'file = "{case.file}"\n' if case.file else ""
@@ -189,9 +199,9 @@ class Outcome:
         return (time_ns - START_NS) / SECOND
 
 
-def run(driver: str, script: str, seconds: float) -> Outcome:
-    """A session of ``seconds`` with one device of ``driver``, while ``script`` happens."""
-    rig, clock = rig_of(driver), VirtualClock()
+def run(name: str, script: str, seconds: float) -> Outcome:
+    """A session of ``seconds`` with the device of a case, while ``script`` happens."""
+    rig, clock = rig_of(name), VirtualClock()
     bench = MemoryBench(rig, Noise(), clock, Injector(rig, script), seed=1)
     ledger, events = Ledger(), list[Event]()
     with bench.running():

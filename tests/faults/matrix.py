@@ -178,6 +178,14 @@ def page(measured: Mapping[tuple[str, Trouble], Cell]) -> str:
     return "\n".join(text)
 
 
+WIRED: Mapping[str, str] = {
+    "canopen-encoder": "unplug, bus-off, silence and restart",
+    "modbus-adc": "unplug, silence, checksum errors and foreign replies",
+    "cobs-adc": "unplug and checksum errors",
+    "modbus-adc over TCP": "unplug and foreign replies",
+}
+"""What `tests/faults/test_wires.py` plays."""
+
 HEAD = f"""# Fault matrix
 
 Every fault of the wire with every driver: how soon it is noticed and as what, how soon readings
@@ -185,6 +193,10 @@ can be trusted again, and how many were lost. Written by `python -m tests.faults
 sessions of the real drivers with virtual devices, sampling at {SAMPLE_HZ:g} Hz, by a virtual clock
 and with seeded noise: the figures are the same on every machine. The tests compare them with
 this page, and with what `drivers/detection.py` promises. [How to write such scripts](howto-faults.md).
+
+Some of the cells are played over real ports and in real time as well (tests marked `wires`): over
+pseudo-terminals {WIRED["canopen-encoder"]} of canopen-encoder and {WIRED["modbus-adc"]} of modbus-adc,
+{WIRED["cobs-adc"]} of cobs-adc, and over TCP {WIRED["modbus-adc over TCP"]} of modbus-adc.
 
 Each fault begins after {BEGIN_S:g} s and is recorded with its end. Where a port is away, it is tried
 again after 0.25, 0.5, 1, 2 and then every 4 s; recovery takes as long as the wait for the next try."""

@@ -57,7 +57,7 @@ class Node:
 
 @pytest.fixture
 def line_slot() -> LineSlot:
-    return LineSlot(DEVICE, lambda d: Echo(d.options["unit_id"]), lambda: None, flip_a_bit, seed=1)
+    return LineSlot(DEVICE, lambda d: Echo(d.options["unit_id"]), lambda: None, seed=1)
 
 
 @pytest.fixture
@@ -98,7 +98,7 @@ def test_another_number_comes_and_goes_with_a_restart(line_slot) -> None:
 
 def test_a_device_without_a_number_cannot_have_another() -> None:
     bare = DEVICE.model_copy(update={"options": {}})
-    slot = LineSlot(bare, lambda d: Echo(1), lambda: None, flip_a_bit, seed=1)
+    slot = LineSlot(bare, lambda d: Echo(1), lambda: None, seed=1)
     slot.renumber(9, 1.0)
     assert slot.receive(b"a", 1.1) == b"\x01\x0ba"
 
@@ -151,7 +151,7 @@ def test_a_foreign_reply_is_whole_and_comes_first() -> None:
         def receive(self, data: bytes, time_s: float) -> bytes:
             return data + crc16(data).to_bytes(2, "little")
 
-    slot = LineSlot(DEVICE, lambda d: Slave(7), lambda: None, flip_a_bit, seed=1)
+    slot = LineSlot(DEVICE, lambda d: Slave(7), lambda: None, seed=1)
     slot.disturbance = Disturbance(foreign=True)
     answer = slot.receive(b"\x07\x04\x02\x00\x05", 0.0)
     assert answer[:5] == b"\x08\x04\x02\x00\x05"
