@@ -13,7 +13,7 @@ from sim_devices.crystal import Crystal
 from sim_devices.queued_clock import EPOCH_NS, Arrivals, QueuedClock
 
 SECOND = 1_000_000_000
-RUNS = 120
+RUNS = 80
 
 
 def pairs_of(seen: Arrivals) -> list[tuple[int, int]]:

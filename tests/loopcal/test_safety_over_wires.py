@@ -251,7 +251,7 @@ def test_a_session_that_hangs_while_its_links_live_on_is_as_good_as_dead(
     assert any(words in summary.why for words in NOT_SUPERVISED)
 
 
-@pytest.mark.parametrize("lost", ["drive3", "encoder3", "arm-wrist", "arm-can"])
+@pytest.mark.parametrize("lost", ["drive3", "encoder3", "arm-can"])
 def test_what_is_lost_in_motion_switches_all_drives_off(
     bench: Bench, tmp_path: Path, lost: str
 ) -> None:
