@@ -86,9 +86,7 @@ def export(
 ) -> None:
     """Write the readings as a table: CSV, or Parquet with `pip install 'loopcal\\[parquet]'`.
 
-    A row a reading, in order of host time: channel, time_ns (host, since 1970), device_time_ns,
-    sequence, flags, raw_counts, the value they have by the rig's gain and offset (value_rad or
-    value_m), and pose, visit and fixture within dwells. Corrected values: `loopcal apply`.
+    One row a reading: times, device's counter and flags, raw counts and their value, dwell.
     """
     from loopcal.exporting import run_export
 
