@@ -166,12 +166,11 @@ def _signals_set(stop: threading.Event) -> Iterator[None]:
     def on_signal(number: int, frame: FrameType | None) -> None:
         stop.set()
 
-    # A closed terminal hangs up; systems without terminals have no such signal.
-    names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {
-        number: signal.signal(number, on_signal)
-        for number in map(signal.Signals.__getitem__, names)
-    }
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    # A closed terminal hangs up, where there is such a signal, and unless `nohup` has said otherwise.
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, on_signal) for number in numbers}
     try:
         yield
     finally:

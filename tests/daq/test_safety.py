@@ -278,6 +278,20 @@ def test_two_signals_end_a_session_as_one_does(arm, tmp_path):
     assert len(read_recording(tmp_path / "arm.mcap").dwells) == 1
 
 
+def test_a_session_under_nohup_outlives_its_terminal(arm, tmp_path):
+    def on_progress(progress):
+        if progress.dwells == 1:
+            os.kill(os.getpid(), signal.SIGHUP)
+
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        summary = run(arm, tmp_path / "arm.mcap", on_progress=on_progress)
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert summary.ending is Ending.COMPLETE
+
+
 def test_a_disk_that_hangs_does_not_keep_drives_on(arm, tmp_path, monkeypatch):
     safe = threading.Event()
 
