@@ -48,16 +48,17 @@ class RunningBench:
 def running(
     rig: Rig,
     plant: Plant,
-    folder: Path,
+    folder: Path | None,
     script: str = "",
     seed: int = 0,
 ) -> Iterator[RunningBench]:
     """The virtual devices of ``rig`` on real ports, in a thread, as long as the block lasts.
 
     Args:
-        rig: what to build. A CAN port becomes an slcan adapter, whatever its interface.
+        rig: what to build. A CAN port in a folder is an slcan adapter, whatever its interface.
         plant: nature.
         folder: where the ports appear; empty again in the end. TCP ports listen on this computer.
+            None leaves all of them where the rig has them.
         script: fault script.
         seed: of all that is random in faults.
 
@@ -76,7 +77,7 @@ def running(
 
     def run() -> None:
         try:
-            paths = {port.name: _place(port, folder) for port in rig.ports}
+            paths = {} if folder is None else {p.name: _place(p, folder) for p in rig.ports}
             run_bench(rig, plant, stop=stop, ports=paths, ready=ready, faults=faults, seed=seed)
         except BaseException as error:  # noqa: BLE001 - raised again in the caller's thread
             failures.append(error)
@@ -89,7 +90,8 @@ def running(
         if not up.wait(PATIENCE_S):
             raise BenchStuck(f"the bench of '{rig.name}' did not come up in {PATIENCE_S:g} s")
         if not failures:
-            yield RunningBench(moved_rig(rig, addresses), addresses, faults, plant)
+            here = rig if folder is None else moved_rig(rig, addresses)
+            yield RunningBench(here, addresses, faults, plant)
     finally:
         stop.set()
         thread.join(PATIENCE_S)

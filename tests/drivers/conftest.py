@@ -23,23 +23,10 @@ from canopen import objectdictionary as od
 
 from drivers.can_bus import EXTENDED
 from recordings.rig import CanPort, Channel, Quantity
+from sim_devices.virtual_time import VirtualClock
 
 SECOND = 1_000_000_000
-START_NS = 1_700_000_000 * SECOND
 _buses = itertools.count()
-
-
-class ManualClock:
-    """Time that passes when a test says so."""
-
-    def __init__(self) -> None:
-        self.time_ns = START_NS
-
-    def now_ns(self) -> int:
-        return self.time_ns
-
-    def advance(self, seconds: float) -> None:
-        self.time_ns += round(seconds * SECOND)
 
 
 class Slave:
@@ -101,8 +88,8 @@ ENCODER = {(0x1000, 0): 0x00010196, (0x1008, 0): "loopcal virtual encoder", (0x6
 
 
 @pytest.fixture
-def clock() -> ManualClock:
-    return ManualClock()
+def clock() -> VirtualClock:
+    return VirtualClock()
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from tests.faults.bench import CASES, Outcome, run
 
 PAGE = Path(__file__).parents[2] / "docs" / "fault-matrix.md"
 BEGIN_S = 1.0
-AFTER_S = 4.0
+AFTER_S = 2.5
 """How long a session goes on after the fault: the longest way back, and the end of every episode."""
 
 

@@ -12,9 +12,7 @@ from pathlib import Path
 import pytest
 
 from recordings.rig import Rig, load_rig, parse_rig, rig_text
-from sim_devices.bench import run_bench
-
-PATIENCE_S = 20.0
+from sim_devices.running import running as run_beside
 
 
 @dataclass
@@ -70,34 +68,8 @@ Running = Callable[[Rig, FakePlant], "contextlib.AbstractContextManager[Mapping[
 
 @contextlib.contextmanager
 def _running(rig: Rig, plant: FakePlant) -> Iterator[Mapping[str, str]]:
-    stop, up = threading.Event(), threading.Event()
-    addresses: dict[str, str] = {}
-    failures: list[BaseException] = []
-
-    def ready(found: Mapping[str, str]) -> None:
-        addresses.update(found)
-        up.set()
-
-    def run() -> None:
-        try:
-            run_bench(rig, plant, stop=stop, ready=ready)
-        except BaseException as error:  # noqa: BLE001 - raised again in the test's own thread
-            failures.append(error)
-            up.set()
-
-    thread = threading.Thread(target=run, name="bench")
-    thread.start()
-    try:
-        assert up.wait(PATIENCE_S), "the bench did not come up"
-        if failures:
-            raise failures[0]
-        yield addresses
-    finally:
-        stop.set()
-        thread.join(PATIENCE_S)
-        assert not thread.is_alive(), "the bench did not end"
-    if failures:
-        raise failures[0]
+    with run_beside(rig, plant, folder=None) as bench:
+        yield bench.ports
 
 
 @pytest.fixture
