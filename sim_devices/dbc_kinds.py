@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from cantools.database.can import Message
 
 from recordings.rig import Device, Rig
+from sim_devices.can_bus import Frame
 from sim_devices.crystal import crystal_of
 from sim_devices.dbc import (
     DbcDrive,
@@ -15,9 +16,10 @@ from sim_devices.dbc import (
     SensorMessage,
     cycle_s,
     messages_of,
+    packed,
 )
 from sim_devices.errors import DeviceNotSimulated
-from sim_devices.foreign_controller import ForeignController, dbc_words
+from sim_devices.foreign_controller import ForeignController, Say
 from sim_devices.options import channels_of, number, option, sensed, text
 from sim_devices.plant_seam import Plant
 
@@ -55,7 +57,7 @@ def dbc_listener(rig: Rig, device: Device, plant: Plant) -> ForeignController:
     description = _drive(rig, device)
     channel = sensed(rig, device)
     drive = DbcDrive(description, str(device.joint), channel, plant)
-    return ForeignController(drive, channel, plant, dbc_words(description))
+    return ForeignController(drive, channel, plant, _words(description))
 
 
 def _drive(rig: Rig, device: Device) -> DriveDescription:
@@ -103,3 +105,15 @@ def _find(known: Mapping[str, Message], reference: str, device: Device) -> tuple
         if owner in ("", message.name) and name in names:
             return message, name
     raise DeviceNotSimulated(f"the file of '{device.name}' has no signal '{reference}'")
+
+
+def _words(description: DriveDescription) -> Say:
+    """How another controller says it: the command message."""
+
+    def say(mode: str, target: int) -> Sequence[Frame]:
+        values = {description.mode: description.modes.get(mode, description.modes["off"])}
+        if mode == "position":
+            values[description.target_position] = description.position(target)
+        return [packed(description.command, values)]
+
+    return say

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from sim_devices.can_bus import CanNode, Frame
-from sim_devices.dbc import DriveDescription, packed
 from sim_devices.plant_seam import Plant
 
 STEP_S = 1.0
@@ -104,15 +103,3 @@ def _rpdo1(node_id: int, control: int, operation: int) -> Frame:
 def _rpdo2(node_id: int, control: int, target: int) -> Frame:
     data = control.to_bytes(2, "little") + target.to_bytes(4, "little", signed=True)
     return Frame(0x300 + node_id, data)
-
-
-def dbc_words(description: DriveDescription) -> Say:
-    """The command message of a DBC."""
-
-    def say(mode: str, target: int) -> Sequence[Frame]:
-        values = {description.mode: description.modes.get(mode, description.modes["off"])}
-        if mode == "position":
-            values[description.target_position] = description.position(target)
-        return [packed(description.command, values)]
-
-    return say

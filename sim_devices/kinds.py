@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
+from importlib import import_module
 from typing import Any
 
 from recordings.rig import CanPort, Device, Rig, SerialPort, TcpPort
 from sim_devices.can_bus import CanBus, CanNode
 from sim_devices.canopen import Encoder, JointDrive
 from sim_devices.crystal import crystal_of
-from sim_devices.dbc_kinds import dbc_encoder, dbc_joint, dbc_listener
 from sim_devices.errors import DeviceNotSimulated
 from sim_devices.foreign_controller import ForeignController, canopen_words
 from sim_devices.line import SerialDevice, SerialLine
@@ -62,13 +62,23 @@ def canopen_listener(rig: Rig, device: Device, plant: Plant) -> ForeignControlle
     return ForeignController(drive, sensed(rig, device), plant, canopen_words(node_id))
 
 
+def _of_dbc(kind: str) -> Callable[[Rig, Device, Plant], CanNode]:
+    """A kind of `sim_devices.dbc_kinds`, whose library takes long to import: when it is needed."""
+
+    def make(rig: Rig, device: Device, plant: Plant) -> CanNode:
+        node: CanNode = getattr(import_module("sim_devices.dbc_kinds"), kind)(rig, device, plant)
+        return node
+
+    return make
+
+
 CAN_KINDS: dict[str, Callable[[Rig, Device, Plant], CanNode]] = {
     "canopen-encoder": canopen_encoder,
     "canopen-joint": canopen_joint,
     "canopen-listener": canopen_listener,
-    "dbc-encoder": dbc_encoder,
-    "dbc-joint": dbc_joint,
-    "dbc-listener": dbc_listener,
+    "dbc-encoder": _of_dbc("dbc_encoder"),
+    "dbc-joint": _of_dbc("dbc_joint"),
+    "dbc-listener": _of_dbc("dbc_listener"),
 }
 SERIAL_KINDS: dict[str, Callable[[Rig, Device, Plant], SerialDevice]] = {
     "ascii-adc": ascii_adc,

@@ -164,7 +164,9 @@ class AdcRegisters:
     def _sample(self, time_s: float) -> dict[int, int]:
         layout = self._layout
         self._samples += 1
-        values: dict[Cell, float] = {layout.time: int(self._crystal.elapsed(time_s) * layout.ticks_per_s)}
+        values: dict[Cell, float] = {
+            layout.time: int(self._crystal.elapsed(time_s) * layout.ticks_per_s)
+        }
         if layout.counter is not None:
             values[layout.counter] = self._samples
         for signal, cell in layout.signals.items():

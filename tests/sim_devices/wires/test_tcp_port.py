@@ -1,47 +1,111 @@
-"""A virtual port on TCP can be reached from this computer, and from no other."""
+"""Virtual ports on TCP: one host after another, whole answers, a port that is taken."""
 
 from __future__ import annotations
 
+import select
+import socket
+from collections.abc import Iterator
+
 import pytest
 
-from sim_devices.errors import PortUnavailable
-from sim_devices.tcp_port import TcpServerPort
+from sim_devices.errors import PortTaken, PortUnavailable
+from sim_devices.tcp_port import MOST_WAITING, TcpServerPort
+
+pytestmark = pytest.mark.usefixtures("no_leaks")
 
 
-class Nobody:
+class Echo:
+    """Says back what it hears, counts hang-ups and overruns."""
+
+    def __init__(self) -> None:
+        self.due = b""
+        self.hung_up = 0
+        self.overruns = 0
+
     def receive(self, data: bytes, time_s: float) -> bytes:
-        return b""
+        return data
 
     def tick(self, time_s: float) -> bytes:
-        return b""
+        due, self.due = self.due, b""
+        return due
 
     def hang_up(self) -> None:
-        pass
+        self.hung_up += 1
 
     def overrun(self) -> None:
+        self.overruns += 1
+
+
+@pytest.fixture
+def line() -> Echo:
+    return Echo()
+
+
+@pytest.fixture
+def port(line: Echo) -> Iterator[TcpServerPort]:
+    made = TcpServerPort("wire", "socket://127.0.0.1:0", line, b"hello ")
+    made.open()
+    yield made
+    made.close()
+
+
+def connect(port: TcpServerPort) -> socket.socket:
+    host = socket.create_connection(("127.0.0.1", int(port.address.rpartition(":")[2])), 5.0)
+    await_readable(port)
+    port.serve(0.0)
+    return host
+
+
+def await_readable(port: TcpServerPort) -> None:
+    descriptor = port.fileno()
+    assert descriptor is not None
+    assert select.select([descriptor], [], [], 5.0)[0]
+
+
+def test_a_host_is_greeted_and_answered(port: TcpServerPort, line: Echo) -> None:
+    with connect(port) as host:
+        assert host.recv(100) == b"hello "
+        host.sendall(b"abc")
+        await_readable(port)
+        port.serve(0.0)
+        assert host.recv(100) == b"abc"
+        line.due = b"unasked"
+        port.tick(0.0)
+        assert host.recv(100) == b"unasked"
+
+
+def test_the_next_host_is_let_in_when_the_first_hangs_up(port: TcpServerPort, line: Echo) -> None:
+    with connect(port):
         pass
+    await_readable(port)
+    port.serve(0.0)
+    assert line.hung_up == 1
+    line.due = b"nobody hears this"
+    port.tick(0.0)
+    with connect(port) as host:
+        assert host.recv(100) == b"hello "
 
 
-@pytest.mark.parametrize("address", ["127.0.0.1:0", "localhost:0", "socket://127.0.0.1:0"])
-def test_it_listens_on_this_computer(address: str) -> None:
-    port = TcpServerPort("line", address, Nobody())
-    port.open()
-    try:
-        assert port.fileno() is not None
-        assert not port.address.endswith(":0")
-    finally:
-        port.close()
+def test_a_host_that_does_not_read_loses_whole_answers(port: TcpServerPort, line: Echo) -> None:
+    with connect(port):
+        for _ in range(200):
+            line.due = b"x" * MOST_WAITING
+            port.tick(0.0)
+        assert line.overruns > 0
+        assert port.lost_bytes == line.overruns * MOST_WAITING
 
 
-@pytest.mark.parametrize("address", ["0.0.0.0:0", "192.0.2.1:502"])
-def test_it_does_not_listen_where_others_can_reach_it(address: str) -> None:
-    port = TcpServerPort("line", address, Nobody())
-    with pytest.raises(PortUnavailable, match=r"others can reach.*127\.0\.0\.1:"):
-        port.open()
+def test_it_comes_back_at_the_same_address(port: TcpServerPort) -> None:
+    before = port.address
+    port.close()
+    port.close()
     assert port.fileno() is None
+    port.open()
+    assert port.address == before
 
 
-@pytest.mark.parametrize("address", ["nowhere", "127.0.0.1:port", "127.0.0.1:99999"])
-def test_an_address_that_is_none_is_refused(address: str) -> None:
-    with pytest.raises(PortUnavailable, match="line"):
-        TcpServerPort("line", address, Nobody()).open()
+def test_an_address_that_is_taken_or_none(port: TcpServerPort, line: Echo) -> None:
+    with pytest.raises(PortTaken, match="cannot listen"):
+        TcpServerPort("other", port.address, line).open()
+    with pytest.raises(PortUnavailable, match="expected HOST:PORT"):
+        TcpServerPort("other", "/tmp/somewhere", line).open()
