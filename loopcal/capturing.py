@@ -29,6 +29,7 @@ from drivers import make_links
 from loopcal.console import err, out
 from loopcal.timing_view import show_timing
 from recordings.events import SessionState
+from recordings.faults import Episode, episodes
 from recordings.rig import Plan, Rig, load_plan, parse_rig, rig_text
 from recordings.storage import Storage
 
@@ -256,13 +257,24 @@ def show_summary(summary: CaptureSummary) -> None:
     out.print(table)
     _show_states(summary)
     show_timing(summary.timing)
-    for fault in summary.faults[:10]:
+    troubles = episodes(summary.faults)
+    for trouble in troubles[:10]:
         out.print(
-            Text(f"fault at {fault.source} ({fault.kind}): {fault.text}", style="yellow"),
+            Text(
+                f"fault at {trouble.source} ({_lasting(trouble)}): {trouble.text}", style="yellow"
+            ),
             soft_wrap=True,
         )
-    if len(summary.faults) > 10:
-        out.print(f"and {len(summary.faults) - 10} more faults, all in the recording", markup=False)
+    if len(troubles) > 10:
+        out.print(f"and {len(troubles) - 10} more faults, all in the recording", markup=False)
+
+
+def _lasting(trouble: Episode) -> str:
+    """The kind of a fault, and how long it lasted."""
+    if trouble.end_ns is None:
+        return f"{trouble.kind}, to the end"
+    seconds = (trouble.end_ns - trouble.begin_ns) / 1e9
+    return f"{trouble.kind}, {seconds:.1f} s" if seconds else trouble.kind
 
 
 def _show_states(summary: CaptureSummary) -> None:
