@@ -27,6 +27,9 @@ HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 2, 3, 4, 5, 
 ATTACHMENT, METADATA, DATA_END = 9, 12, 15
 FIRST_PRIVATE = 0x80
 
+LARGEST_BLOCK = 4 * 1024 * 1024
+"""Bytes above which the records of a chunk are given in several blocks."""
+
 _HEAD = HEAD_BYTES
 _TAIL = _HEAD + 20 + len(MAGIC)
 _FEWEST_LOOSE = 1 << 12
@@ -64,7 +67,7 @@ class Metadata:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Schema, Channel and Message records, one behind the other, found at byte ``offset``."""
+    """Schema, Channel and Message records, one behind the other, of what was found at byte ``offset``."""
 
     offset: int
     data: bytes
@@ -213,7 +216,9 @@ class _Walk:
                 item = self._item(opcode, content)
             except Malformed as error:
                 item = self._damage(at, error)
-            if item is not None:
+            if isinstance(item, Block):
+                yield from _parts(item)
+            elif item is not None:
                 yield item
         if not self._ended and self._tail is not None:
             yield Damage(self._stream.at, "the data section has no end record")
@@ -318,6 +323,15 @@ class _Walk:
         self._stream.go_to(self._trusted)
         skipped = self._trusted - at
         return Damage(at, f"{error}; went on {skipped} bytes later" if skipped > 0 else str(error))
+
+
+def _parts(block: Block) -> Iterator[Block]:
+    """A large block in parts of whole records, so that nobody makes arrays about all of it at once."""
+    data = block.data
+    while len(data) > LARGEST_BLOCK and (size := leading_bytes(data[:LARGEST_BLOCK])):
+        yield Block(block.offset, data[:size])
+        data = data[size:]
+    yield block if data is block.data else Block(block.offset, data)
 
 
 def _next_chunk(file: BinaryIO, start: int, stop: int) -> int | None:

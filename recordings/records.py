@@ -18,6 +18,10 @@ import zstandard
 MAX_CHUNK_BYTES = 256 * 1024 * 1024
 """Largest uncompressed chunk that is read; writers use 64 KiB to a few MiB."""
 
+MOST_RATIO = 1000
+"""Largest ratio of compression that is read of a chunk above 1 MiB; readings reach some tens."""
+
+_ANY_RATIO_BYTES = 1 << 20
 _PIECE = 1 << 20
 _CHUNK = struct.Struct("<QQQI")
 
@@ -168,6 +172,10 @@ def decompress(chunk: Chunk, zstd: zstandard.ZstdDecompressor | None = None) -> 
     size = chunk.uncompressed_size
     if size > MAX_CHUNK_BYTES:
         raise Malformed(f"a chunk of {size} bytes, above the limit of {MAX_CHUNK_BYTES}")
+    if size > max(_ANY_RATIO_BYTES, MOST_RATIO * len(chunk.data)):
+        raise Malformed(
+            f"a chunk of {size} bytes out of {len(chunk.data)}: nothing recorded is so alike"
+        )
     if chunk.compression == "zstd":
         data = _unzstd(chunk.data, size, zstd or zstandard.ZstdDecompressor())
     elif chunk.compression == "lz4":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import tempfile
+import tracemalloc
 import zlib
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,8 @@ from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from mcap_protobuf.decoder import DecoderFactory
 
-from recordings import messages_pb2
+from recordings import chunks, messages_pb2
+from recordings.errors import DamagedRecording
 from recordings.offsets import leading_bytes
 from recordings.reader import Readings, read_recording
 from recordings.stream import PIECE_BYTES, Stream
@@ -147,6 +149,33 @@ def test_any_file_reads_as_the_mcap_library_reads_it(
                     expected = [(*row[:place], None, *row[place + 1 :]) for row in expected]
             assert rows_of(readings) == expected
         assert len(recording.marks) == sum(topic == "/session/mark" for topic, _, _ in found)
+
+
+def test_a_large_chunk_is_read_in_parts(
+    tmp_path: Path, rig_toml: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = [("/channel/q1", i, field(0x09, 8, i * i)) for i in range(2000)]
+    found.insert(700, ("/channel/q1", 700, field(0x09, 8, 5) + b"\x7a\x7f" + bytes(127)))
+    path = tmp_path / "a.mcap"
+    write(path, rig_toml, found, {"chunk_size": 1 << 20})
+    whole = read_recording(path)
+    for size in (50, 100, 300, 5000):
+        monkeypatch.setattr(chunks, "LARGEST_BLOCK", size)
+        assert rows_of(read_recording(path).readings["q1"]) == rows_of(whole.readings["q1"])
+    assert len(whole.readings["q1"]) == 2001
+
+
+def test_a_small_file_that_unpacks_to_much_is_refused_before_it_does(
+    tmp_path: Path, rig_toml: str
+) -> None:
+    path = tmp_path / "a.mcap"
+    write(path, rig_toml, [("/camera", 1, bytes(50_000_000))], {"chunk_size": 1 << 20})
+    assert path.stat().st_size < 50_000
+    tracemalloc.start()
+    with pytest.raises(DamagedRecording, match=r"nothing recorded is so alike"):
+        read_recording(path)
+    assert tracemalloc.get_traced_memory()[1] < 20_000_000
+    tracemalloc.stop()
 
 
 @pytest.mark.parametrize("chunked", [True, False])
