@@ -22,6 +22,7 @@ from daq.drives import Drives
 from daq.interlocks import Interlocks
 from daq.mobility import Mobility, counted
 from daq.states import SessionStates, Step
+from drivers import DeviceSilent
 from recordings.events import Dwell, Fault, Mode, ModeCommand, SessionState
 from recordings.reader import read_recording
 from recordings.rig import parse_rig
@@ -160,6 +161,24 @@ def test_a_joint_that_did_not_answer_still_counts_as_held(arm, commanded):
         drives.set_mode("joint2", Mode.FREE, "test")
     with pytest.raises(Interlocked, match="over-constrain"):
         drives.set_mode("joint3", Mode.POSITION, "test")
+
+
+def test_a_drive_that_says_nothing_while_the_arm_stands_is_missed(arm, tmp_path, monkeypatch):
+    drive = arm.link("arm-can").joints["joint6"]
+    real = drive.report
+
+    def report():
+        if arm.clock.now_ns() > 1_700_000_004 * SECOND:
+            raise DeviceSilent("node 22 gave no answer")
+        return real()
+
+    monkeypatch.setattr(drive, "report", report)
+    summary = run(arm, tmp_path / "arm.mcap")
+    assert_went_safe(
+        arm, summary, tmp_path / "arm.mcap", "the drive of joint6 does not say how it is"
+    )
+    assert summary.duration_s < 4.0 + 2.5
+    assert [f.source for f in summary.faults if f.kind == "no-answer"] == ["joint6"] * 2
 
 
 def test_an_arming_that_is_not_renewed_ends_the_session(arm, tmp_path):
