@@ -13,7 +13,8 @@ import pytest
 from drivers import make_links
 from drivers.detection import DETECTION, SAMPLE_HZ, Detected, Trouble
 from recordings.events import Fault, Reading
-from recordings.faults import ENDED_BY, episodes
+from recordings.faults import ENDED_BY, FaultKind, episodes
+from sim_devices.running import running
 from tests.faults.bench import Noise, rig_of
 
 pytestmark = pytest.mark.wires
@@ -87,3 +88,26 @@ def test_faults_on_real_ports_are_noticed_and_accounted_for(name: str, loopcal_r
     assert losses.expected - received == losses.dropped_by_device + losses.lost_in_gaps
     assert losses.lost_in_gaps > 0
     assert received > 50
+
+
+def test_an_interface_that_has_error_frames_tells_bus_off_and_bus_errors_by_them(tmp_path) -> None:
+    rig, clock = rig_of("canopen-encoder"), Monotonic()
+    bus = {"interface": "virtual", "channel": f"faults-{tmp_path}"}
+    rig = rig.model_copy(update={"ports": (rig.ports[0].model_copy(update=bus),)})
+    with running(rig, Noise(), folder=None) as bench:
+        (link,) = make_links(bench.rig, clock)
+        link.open()
+        try:
+            link.start(SAMPLE_HZ)
+            began_ns, events = clock.now_ns(), []
+            to_come = [(0.3, "corrupt port 50 % for 300 ms"), (1.0, "bus-off port for 200 ms")]
+            while (now_s := (clock.now_ns() - began_ns) / 1e9) < 3.5:
+                if to_come and now_s >= to_come[0][0]:
+                    bench.faults.inject(to_come.pop(0)[1])
+                events += link.pump(0.02)
+        finally:
+            link.close()
+    found = episodes(event for event in events if isinstance(event, Fault))
+    assert {FaultKind.BUS_ERROR, FaultKind.BUS_OFF} <= {each.kind for each in found}
+    assert all(each.end_ns is not None for each in found), found
+    assert isinstance(events[-1], Reading)
