@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from recordings.errors import RecordingsError
-from recordings.part import FIRST_PART, part_path
+from recordings.part import FIRST_PART, belongs, part_path
 from recordings.recording import Readings, Recording
 
 _EVENTS = (
@@ -48,12 +48,15 @@ def joined(first: Recording, read: Callable[[Path], Recording]) -> Recording:
         except RecordingsError as error:
             damage.append(f"part {number} and what may follow it is missing: {error}")
             break
-        if (found.part.number, found.session.session_id) != (number, first.session.session_id):
-            damage.append(
-                f"part {number} and what may follow it is missing: '{path}' is part "
-                f"{found.part.number} of session '{found.session.session_id}', expected part "
-                f"{number} of session '{first.session.session_id}'"
-            )
+        stranger = belongs(
+            found.part,
+            found.session.session_id,
+            number=number,
+            session_id=first.session.session_id,
+            previous_file=parts[-1].path.name,
+        )
+        if stranger:
+            damage.append(f"part {number} and what may follow it is missing: '{path}' {stranger}")
             break
         damage += [f"{path.name}, {line}" for line in found.damage]
         parts.append(found)

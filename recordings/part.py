@@ -73,6 +73,34 @@ def ending(number: int, file: str) -> dict[str, str]:
     return {"part": str(number), "file": file}
 
 
+def one_byte_off(found: str, expected: str) -> bool:
+    """Whether a text differs from the expected one as a single damaged byte makes it differ."""
+    pairs = list(zip(found, expected, strict=False))
+    return len(found) == len(expected) and sum(a != b for a, b in pairs) == 1
+
+
+def belongs(
+    part: Part, found_session_id: str, *, number: int, session_id: str, previous_file: str
+) -> str:
+    """Why a file is not the part that was looked for, or "" where it is.
+
+    One damaged byte in what it says of itself does not make a stranger of it.
+
+    Args:
+        part: what the file says of itself.
+        found_session_id: the session it says it is of.
+        number, session_id: of the part looked for.
+        previous_file: name of the part before it.
+    """
+    same_session = found_session_id == session_id or one_byte_off(found_session_id, session_id)
+    if same_session and (part.number == number or part.previous_file == previous_file):
+        return ""
+    return (
+        f"is part {part.number} of session '{found_session_id}', expected part {number} of "
+        f"session '{session_id}'"
+    )
+
+
 def part_path(first: Path, number: int) -> Path:
     """Where part ``number`` of the recording that begins in ``first`` lies."""
     return first if number == 1 else first.with_name(f"{first.stem}.{number:03d}{first.suffix}")

@@ -34,7 +34,7 @@ from recordings.events import (
     StateChange,
 )
 from recordings.joining import joined
-from recordings.part import FIRST_PART
+from recordings.part import FIRST_PART, one_byte_off
 from recordings.part_file import PROFILE, RIG_ATTACHMENT
 from recordings.recording import Readings, Recording
 from recordings.records import Malformed
@@ -188,12 +188,6 @@ class _Contents:
     def _events(self, kind: type[_E]) -> tuple[_E, ...]:
         found = [event for event in self._assembly.events if isinstance(event, kind)]
         return tuple(sorted(found, key=lambda event: event.time_ns))
-
-
-def one_byte_off(found: str, expected: str) -> bool:
-    """Whether a text differs from the expected one as a single damaged byte makes it differ."""
-    pairs = list(zip(found, expected, strict=False))
-    return len(found) == len(expected) and sum(a != b for a, b in pairs) == 1
 
 
 def _first_lines(damage: tuple[str, ...]) -> str:

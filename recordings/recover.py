@@ -25,7 +25,8 @@ from recordings.part_file import PROFILE, RIG_ATTACHMENT
 from recordings.rig import parse_rig
 from recordings.session import METADATA_NAME, SOFTWARE
 from recordings.storage import RecordingFile, Sync, disk_error
-from recordings.survey import RECOVERY_METADATA, Survey, survey
+from recordings.survey import Survey, survey
+from recordings.survey_walk import RECOVERY_METADATA
 from recordings.window import Records, Window
 from recordings.wire import HEADER_SIZE
 

@@ -16,6 +16,7 @@ from recordings.part import part_path
 from recordings.reader import read_recording
 from recordings.session import Session
 from recordings.storage import Storage
+from recordings.survey import survey
 from recordings.writer import Writer
 
 START_NS = 1_700_000_000_000_000_000
@@ -203,3 +204,46 @@ def test_a_name_taken_meanwhile_ends_the_rotation_and_not_the_recording(
 def test_a_size_that_cannot_be_is_refused(wrong: dict[str, int]) -> None:
     with pytest.raises(RecordingError, match="expected"):
         Storage(**wrong)
+
+
+def test_a_wrong_bit_in_what_a_part_says_of_itself_costs_nothing(
+    tmp_path: Path, write_parts: Callable[..., tuple[Path, ...]]
+) -> None:
+    paths = write_parts(tmp_path / "run.mcap")
+    data = paths[1].read_bytes()
+    for said in (b"2023-11-14-a", b"part\x01\0\0\x002"):
+        place = data.index(said) + len(said) - 1
+        changed = bytearray(data)
+        changed[place] ^= 1
+        paths[1].write_bytes(changed)
+        assert len(read_recording(paths[0], damaged_ok=True).readings["q1"]) == 1000
+        found = survey(paths[0])
+        assert found.damage
+        assert found.channel("q1").count == 1000
+        assert found.channel("q1").missing == 0
+
+
+def test_a_survey_does_not_mix_sessions(
+    tmp_path: Path, rig_toml: str, write_parts: Callable[..., tuple[Path, ...]]
+) -> None:
+    paths = write_parts(tmp_path / "run.mcap")
+    with Writer(tmp_path / "other.mcap", rig_toml, Session("other")) as writer:
+        writer.write(Reading("q1", START_NS, 1))
+    shutil.copy(tmp_path / "other.mcap", paths[1])
+    found = survey(paths[0])
+    assert "is part 1 of session 'other', expected part 2" in found.missing_part
+    assert found.channel("q1").count == 301
+
+
+def test_a_topic_that_begins_in_a_later_part_is_counted_from_there(
+    tmp_path: Path, rig_toml: str, session: Session
+) -> None:
+    with Writer(tmp_path / "run.mcap", rig_toml, session, Storage(rotate_s=1)) as writer:
+        for i in range(40):
+            t = START_NS + i * 100_000_000
+            writer.write(Reading("q1", t, i))
+            if i > 25:
+                writer.write(Reading("q2", t, i))
+            writer.flush()
+    found = survey(tmp_path / "run.mcap")
+    assert (found.channel("q2").count, found.channel("q2").missing) == (14, 0)
