@@ -20,7 +20,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import TypeVar
 
 from daq.clock import SECOND, Clock
-from daq.errors import Interlocked
+from daq.errors import Interlocked, NotAllowed
 from daq.interlocks import Interlocks
 from daq.scale import Scale
 from daq.states import SessionStates
@@ -80,6 +80,7 @@ class Drives:
         self._clock = clock
         self._record = record
         self._told: dict[str, Mode] = {}
+        self._answered_ns: dict[str, int] = {}
         self._targets: dict[str, tuple[float, int]] = {}
         self._stuck: set[str] = set()
         self._questions: dict[str, tuple[int, Future[ModeReport]]] = {}
@@ -115,14 +116,17 @@ class Drives:
         self._record(ModeCommand(joint, self._clock.now_ns(), mode, None, cause))
         self._insist(joint, lambda drive: drive.set_mode(mode))
         self._told[joint] = mode
+        self._answered_ns[joint] = self._clock.now_ns()
         self._targets.pop(joint, None)
 
     def move_to(self, joint: str, target_raw: int, cause: str) -> None:
         """Command a target of position mode, in counts of the sensing channel; raises as `set_mode`."""
         self._states.require_target(joint)
+        if joint not in self._targets:
+            raise NotAllowed(f"{joint} was to be sent to a target, but nobody said where it holds")
         now_ns = self._clock.now_ns()
         target = self._scales[joint].value(target_raw)
-        last, since_ns = self._targets.get(joint, (target, now_ns))
+        last, since_ns = self._targets[joint]
         seconds = (now_ns - since_ns) / SECOND
         self._require(joint, self._interlocks.of_target(joint, target, last, seconds))
         self._targets[joint] = (target, now_ns)
@@ -186,11 +190,13 @@ class Drives:
             thread.shutdown(wait=joint not in self._stuck)
 
     def _worst_modes(self) -> dict[str, Mode]:
-        """What each drive may be in: what it was told, unless it reports position mode."""
+        """What each drive may be in: what it was told, unless it reports position mode since."""
         modes = {joint: self._told.get(joint, Mode.UNKNOWN) for joint in self._joints}
         for joint in self._joints:
             report = self._seen(joint)
-            if report is not None and report.mode is Mode.POSITION:
+            if report is None or report.time_ns < self._answered_ns.get(joint, 0):
+                continue
+            if report.mode is Mode.POSITION:
                 modes[joint] = Mode.POSITION
         return modes
 

@@ -14,6 +14,7 @@ from daq import (
     Ending,
     Interlocked,
     ManualClock,
+    NotAllowed,
     Phase,
     PlanNotPossible,
     capture,
@@ -23,7 +24,7 @@ from daq.interlocks import Interlocks
 from daq.mobility import Mobility, counted
 from daq.states import SessionStates, Step
 from drivers import DeviceSilent
-from recordings.events import Dwell, Fault, Mode, ModeCommand, SessionState
+from recordings.events import Dwell, Fault, Mode, ModeCommand, ModeReport, SessionState
 from recordings.reader import read_recording
 from recordings.rig import parse_rig
 from recordings.writer import Writer
@@ -161,6 +162,39 @@ def test_a_joint_that_did_not_answer_still_counts_as_held(arm, commanded):
         drives.set_mode("joint2", Mode.FREE, "test")
     with pytest.raises(Interlocked, match="over-constrain"):
         drives.set_mode("joint3", Mode.POSITION, "test")
+
+
+def test_a_drive_that_says_that_it_holds_counts_as_held(arm, commanded):
+    drives, _ = commanded
+    drives.set_mode("joint1", Mode.POSITION, "test")
+    held = ModeReport("joint2", drives_clock(drives).now_ns() + 1, Mode.POSITION, 0x27)
+    drives._seen = lambda joint: held if joint == "joint2" else None
+    with pytest.raises(Interlocked, match="over-constrain"):
+        drives.set_mode("joint3", Mode.POSITION, "test")
+    # What it said before it answered that it is free is no news.
+    drives_clock(drives).advance(1.0)
+    drives.set_mode("joint2", Mode.FREE, "test")
+    drives.set_mode("joint3", Mode.POSITION, "test")
+
+
+def test_nothing_is_led_from_where_nobody_knows_that_it_is(arm, commanded):
+    drives, _ = commanded
+    drives.set_mode("joint1", Mode.POSITION, "test")
+    drives._states.take(Step.MOVE, "test")
+    with pytest.raises(NotAllowed, match="nobody said where it holds"):
+        drives.move_to("joint1", 200_000, "test")
+    assert arm.targets == {}
+
+
+def test_a_torque_beyond_its_limit_does_not_reach_the_wire(arm, commanded):
+    drives, _ = commanded
+    drives._states.take(Step.MOVE, "test")
+    with pytest.raises(Interlocked, match="its limit is 0 %"):
+        drives.set_torque("joint1", 10, "test")
+
+
+def drives_clock(drives: Drives) -> ManualClock:
+    return drives._clock
 
 
 def test_a_drive_that_says_nothing_while_the_arm_stands_is_missed(arm, tmp_path, monkeypatch):
