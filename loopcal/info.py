@@ -201,10 +201,9 @@ def _dwells(found: Survey) -> str:
     if not found.dwells:
         return "none"
     lengths = [_length_s(dwell) for dwell in found.dwells]
-    return (
-        f"{len(found.dwells)} at {_poses(found)} poses, {min(lengths):.2f} to "
-        f"{max(lengths):.2f} s each"
-    )
+    shortest, longest = f"{min(lengths):.2f}", f"{max(lengths):.2f}"
+    each = longest if shortest == longest else f"{shortest} to {longest}"
+    return f"{len(found.dwells)} at {_poses(found)} poses, {each} s each"
 
 
 def _length_s(dwell: Dwell) -> float:
