@@ -109,32 +109,39 @@ class Assembly:
         for at in offsets[(opcodes == SCHEMA) | (opcodes == CHANNEL)].tolist():
             self._define(data, at, first)
         found = columns.messages(data, offsets)
-        sorts = self._sorts[found.channel_id]
-        sound = (found.time_ns >= 0) & (sorts != _UNDECLARED)
-        if not sound.all():
-            text = f"{np.sum(~sound)} messages of undeclared channels or impossible times"
-            self.damage.append(Damage(first, text))
-        readings = sound & (sorts == _READING)
-        self._decode_readings(found if readings.all() else found.take(readings), first)
-        self._decode_events(found.take(sound & (sorts == _EVENT)), first)
-
-    def _decode_readings(self, found: columns.Messages, first: int) -> None:
-        unreadable = 0
+        lost = unreadable = 0
+        events: list[tuple[int, int, int, int]] = []
         for channel_id, own in found.by_channel():
-            _, subject = self._topics[channel_id]
-            part, lost = columns.decode_readings(own)
-            unreadable += lost
-            self._gathered.setdefault(subject, Gathered()).append(part)
+            sort = self._sorts[channel_id]
+            if sort == _UNDECLARED:
+                lost += len(own)
+                continue
+            if np.any(own.time_ns < 0):
+                lost += int(np.sum(own.time_ns < 0))
+                own = own.take(own.time_ns >= 0)
+            if sort == _READING:
+                _, subject = self._topics[channel_id]
+                part, wrong = columns.decode_readings(own)
+                unreadable += wrong
+                self._gathered.setdefault(subject, Gathered()).append(part)
+            elif sort == _EVENT:
+                where = (own.start, own.start + own.size, own.channel_id, own.time_ns)
+                events += zip(*(column.tolist() for column in where), strict=True)
+        if lost:
+            text = f"{lost} messages of undeclared channels or impossible times"
+            self.damage.append(Damage(first, text))
         if unreadable:
             text = f"{unreadable} readings that cannot be read, or have no 'raw'"
             self.damage.append(Damage(first, text))
+        self._decode_events(data, sorted(events), first)
 
-    def _decode_events(self, found: columns.Messages, first: int) -> None:
-        where = (found.channel_id, found.time_ns, found.start, found.start + found.size)
-        rows = zip(*(column.tolist() for column in where), strict=True)
-        for channel_id, time_ns, start, end in rows:
+    def _decode_events(
+        self, data: bytes, rows: list[tuple[int, int, int, int]], first: int
+    ) -> None:
+        """Decode events given as start, end, channel and time, in file order."""
+        for start, end, channel_id, time_ns in rows:
             kind, subject = self._topics[channel_id]
             try:
-                self.events.append(codec.decode(kind, subject, time_ns, found.data[start:end]))
+                self.events.append(codec.decode(kind, subject, time_ns, data[start:end]))
             except ValueError as error:
                 self.damage.append(Damage(first, str(error)))

@@ -107,16 +107,16 @@ def decode_readings(found: Messages) -> tuple[Columns, int]:
             span = layout.record.itemsize
             rows = unaligned(found.data, f"V{span}")[found.start - HEADER_SIZE].view(layout.record)
             if all(np.all(rows[f"{name}_tag"] == tag) for name, tag in layout.tags):
-                return _alike(rows, layout), 0
+                return _alike(found.time_ns, rows, layout), 0
     return _mixed(found)
 
 
-def _alike(rows: NDArray[np.void], layout: Layout) -> Columns:
+def _alike(time_ns: NDArray[np.int64], rows: NDArray[np.void], layout: Layout) -> Columns:
     """Readings that have exactly the fields of ``layout``."""
     values = {name: rows[name].copy() for name in layout.present}
     flags = values.get("flags")
     return Columns(
-        time_ns=rows["log_time"].astype(np.int64),
+        time_ns=time_ns,
         raw=values["raw"],
         device_time_ns=values.get("device_time_ns"),
         sequence=values.get("sequence"),
