@@ -162,11 +162,14 @@ class RecordingFile:
 
     def room(self) -> int:
         """Bytes by which the file can still grow."""
-        return min(room_in(self.path.absolute().parent), largest_file() - self._size)
+        # By the open file, where the system can: its folder may have been moved meanwhile.
+        folder = self.path.absolute().parent
+        free = room_in(folder if sys.platform == "win32" else self._file.fileno())
+        return min(free, largest_file() - self._size)
 
 
-def room_in(folder: Path) -> int:
-    """Bytes free on the disk of ``folder``."""
+def room_in(folder: Path | int) -> int:
+    """Bytes free on the disk of ``folder``, or of an open file by its descriptor."""
     return shutil.disk_usage(folder).free
 
 

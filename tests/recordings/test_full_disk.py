@@ -221,3 +221,15 @@ def test_the_limit_of_a_process_is_met_like_a_full_disk(tmp_path: Path, rig_toml
     assert len(recording.readings["q1"]) + said["lost"]["q1"] == said["handed"]
     assert recording.ledger["q1"].unaccounted == 0
     assert path.stat().st_size <= 100_000
+
+
+def test_a_folder_that_is_moved_away_does_not_end_the_recording(
+    tmp_path: Path, rig_toml: str, session: Session
+) -> None:
+    (tmp_path / "here").mkdir()
+    with Writer(tmp_path / "here" / "a.mcap", rig_toml, session) as writer:
+        writer.write(Reading("q1", START_NS, 1))
+        (tmp_path / "here").rename(tmp_path / "there")
+        writer.flush()
+        assert writer.nearly_full == ""
+    assert len(read_recording(tmp_path / "there" / "a.mcap").readings["q1"]) == 1
