@@ -28,7 +28,7 @@ from solver.gap.limits import limits
 from solver.gap.missing import defect, missing
 from solver.gap.raw_codes import censored, defects
 from solver.gap.result import Gap, Verdict
-from solver.gap.search import LEVEL, Search, look, search
+from solver.gap.search import LEVEL, MORE, Search, look, search
 from solver.gap.unknown import Unknown, unknown
 from solver.mechanism.circumstances import Circumstances
 from solver.mechanism.model import mechanism_model
@@ -72,7 +72,8 @@ def analyse(
     broken = defects(recording, table)
     plain = first_fit(recording, table)
     fit = first_fit(recording, table, broken) if broken else plain
-    found = search(fit, rng, lambda text: progress(text, 0.3))
+    level = MORE if broken else LEVEL
+    found = search(fit, rng, lambda text: progress(text, 0.3), level=level)
     # Only motion shows a lag: readings in motion are added, and kept where one stands out.
     moving, _ = with_motion(recording, table)
     moves, kinds = len(moving.counts) > len(table.counts), effect_kinds()
@@ -80,7 +81,7 @@ def analyse(
         table = moving
         plain = first_fit(recording, table)
         fit = first_fit(recording, table, broken) if broken else plain
-        found = search(fit, rng, lambda text: progress(text, 0.45))
+        found = search(fit, rng, lambda text: progress(text, 0.45), level=level)
     poses = same_poses(table.windows, table.counts)
     floors = floor(plain, poses), floor(found.after.fit, poses)
     left = unknown(found.after.fit, rng)
@@ -167,7 +168,7 @@ def _lags(
         return False
     tested, hopeless = candidates(fit)
     moving_only = tuple(c for c in tested if "rate" in c.variants[0].needs)
-    return look(fit, rng, pool=(moving_only, hopeless)).significant(LEVEL)
+    return look(fit, rng, pool=(moving_only, hopeless)).significant(MORE)
 
 
 def _last_coefficients(fit: Fit) -> Array:

@@ -24,6 +24,7 @@ from solver.mechanism.space import ParameterSpace
 
 Array = NDArray[np.float64]
 
+_MOST_TAKEN = 0.9  # share of a dwell's residual that a fit is said to have taken up
 _ITERATIONS = 40
 _WORTHLESS = 1e2  # times the usual standard deviation: such a reading takes no part
 
@@ -99,9 +100,17 @@ class Fit:
         return np.asarray(whole - self.absorbed @ (self.absorbed.T @ whole))
 
     def drawn(self, draws: int, rng: np.random.Generator) -> Array:
-        """(M, draws) residuals with signs at random, one for each dwell, and what parameters leave of them."""
+        """(M, draws) residuals with signs at random, one for each dwell, and what parameters leave of them.
+
+        Residuals grow by 1 / sqrt(1 - h) first, h the share of a dwell's that the fit has taken up
+        (Davidson & Flachaire, "The wild bootstrap, tamed at last", J. Econometrics 146, 2008): a
+        dwell far out has pulled the fit towards itself, and spread what it was off over the others.
+        """
         signs = rng.choice([-1.0, 1.0], size=(len(self.residual), draws))
-        readings = (self.residual[:, :, None] * signs[:, None, :]).reshape(-1, draws)
+        taken = self.absorbed[: self.residual.size].reshape(len(self.residual), -1)
+        share = np.sum(taken**2, axis=1) / max(self.redundancy, 1)
+        whole = self.residual / np.sqrt(1.0 - np.minimum(share, _MOST_TAKEN))[:, None]
+        readings = (whole[:, :, None] * signs[:, None, :]).reshape(-1, draws)
         beside = self.known[:, None] * rng.choice([-1.0, 1.0], size=(len(self.known), draws))
         return self.projected(np.vstack([readings, beside]))
 

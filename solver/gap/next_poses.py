@@ -23,7 +23,7 @@ from scipy.special import ndtr, ndtri
 from recordings.rig import Plan
 from solver.effects.effect import Array
 from solver.errors import MechanismError
-from solver.gap.search import LEVEL, Possible, Search
+from solver.gap.search import MORE, Possible, Search
 from solver.gap.separation import Contest
 from solver.gap.stops import VISITS, Merit, Reach, Visited, reaches
 from solver.samples import PoseTable
@@ -227,7 +227,7 @@ def _noise(found: Search) -> float:
 
 def _critical(found: Search) -> float:
     """Chi-square of one coefficient at which something beside what is named stands out."""
-    log_p = found.after.screen.threshold.critical(LEVEL)
+    log_p = found.after.screen.threshold.critical(MORE)
     return float(ndtri(0.5 * np.exp(log_p))) ** 2
 
 

@@ -94,15 +94,17 @@ def forms(fit: Fit, tested: Sequence[Candidate]) -> tuple[Form, ...]:
 def _form(effect: Effect, candidate: int, full: Array, projected: Array, whole: bool) -> Form:
     scale = np.linalg.norm(full, axis=0)
     plausible = np.array([1.0] if whole else [c.plausible for c in effect.coefficients])
-    if np.all(scale * plausible < _NOTHING):
+    # A column that is nothing is rounding, which may well look like the residual that it is rounded with.
+    some = scale * plausible >= _NOTHING
+    if not some.any():
         return Form(effect, candidate, projected[:, :0], projected, 0.0, whole)
-    scale = np.where(scale > 0, scale, 1.0)
-    length = np.linalg.norm(projected, axis=0)
+    seen, scale = projected[:, some], scale[some]
+    length = np.linalg.norm(seen, axis=0)
     retained = float(np.mean((length / scale) ** 2))
     if len(scale) == 1:  # most forms are, and there are many
-        basis = projected[:, :1] / length if retained > _RETAINED else projected[:, :0]
+        basis = seen / length if retained > _RETAINED else seen[:, :0]
     else:
-        left, singular, _ = np.linalg.svd(projected / scale, full_matrices=False)
+        left, singular, _ = np.linalg.svd(seen / scale, full_matrices=False)
         basis = left[:, singular**2 > _RETAINED]
     return Form(effect, candidate, basis, projected, retained, whole)
 

@@ -22,8 +22,11 @@ from solver.gap.screen import Screen, Threshold, screen, threshold
 MOST = 4
 """Effects that one analysis names at most."""
 
-LEVEL = 0.01
+LEVEL = 0.03
 """How often nothing at all may look like something."""
+
+MORE = 0.01
+"""The same for something beside what is named already: a second name needs more evidence."""
 
 _REAL = 0.3  # of what the linear model promises, at the least
 _UNLIKELY = 7.0  # of log evidence: a rival a thousand times less likely is none,
@@ -140,6 +143,8 @@ def search(
     fit: Fit,
     rng: np.random.Generator,
     progress: Progress = lambda text: None,
+    *,
+    level: float = LEVEL,
 ) -> Search:
     """Look for effects that are missing from ``fit``.
 
@@ -147,25 +152,33 @@ def search(
         fit: the model as it is.
         rng: for the draws.
         progress: is told what is being tried.
+        level: how often nothing at all may look like something.
     """
     progress("screening")
     pool = candidates(fit)
+    trial = _Trial(rng, progress, pool)
     before = now = look(fit, rng, pool=pool)
     chosen: list[Possible] = []
     first: list[Possible] = []
-    while now.significant(LEVEL) and len(chosen) < MOST and not _shape_only(now, chosen):
-        found = possible(now, rng, progress, pool)
+    while (
+        now.significant(MORE if chosen else level)
+        and len(chosen) < MOST
+        and not _shape_only(now, chosen)
+    ):
+        found = trial.possible(now, MORE if chosen else level)
         if not found:
             break
         first = first or found
         best = next((p for p in found if p.enough), found[0])
+        if _more_behind(found[0]):
+            best = found[0]
         chosen.append(best)
         now = best.after
     if not chosen:
-        return Search(before, before, (), not before.significant(LEVEL))
-    complete = not now.significant(LEVEL) or _shape_only(now, chosen)
+        return Search(before, before, (), not before.significant(level))
+    complete = not now.significant(MORE) or _shape_only(now, chosen)
     if len(chosen) == 1:
-        alone = _named(chosen[0], first)
+        alone = grouped(chosen[0], first)
         return Search(before, alone.best.after, (alone,), complete)
     named: list[Named] = []
     for mine in [p.effect.label for p in chosen]:
@@ -176,17 +189,17 @@ def search(
         if reduced is None:
             continue
         around = look(reduced, rng, pool=pool)
-        if not around.significant(LEVEL):
+        if not around.significant(MORE):
             now = around  # the others have made it needless
             continue
-        rivals = possible(around, rng, progress, pool)
+        rivals = trial.possible(around, MORE)
         own = next((p for p in rivals if p.effect.label == mine), None)
         first_choice = next(p for p in chosen if p.effect.label == mine)
-        named.append(_named(own or first_choice, rivals))
+        named.append(grouped(own or first_choice, rivals))
     return Search(before, now, tuple(named), complete)
 
 
-def _named(best: Possible, tried: Sequence[Possible]) -> Named:
+def grouped(best: Possible, tried: Sequence[Possible]) -> Named:
     """``best`` with those of ``tried``, best evidence first, that nothing speaks against beside it.
 
     Whether something stands out behind a candidate is decided by chance where that is just so. One
@@ -214,39 +227,72 @@ def _named(best: Possible, tried: Sequence[Possible]) -> Named:
     )
 
 
-def possible(now: Look, rng: np.random.Generator, progress: Progress, pool: Pool) -> list[Possible]:
-    """The candidates that come into question, each added and refitted, best evidence first."""
-    statistics = np.array([now.statistic(i) for i in range(len(now.candidates))])
-    if not len(statistics):
-        return []
-    noise = now.fit.rss / max(now.fit.freedoms, 1)
-    best = float(statistics.max())
-    left = max(now.fit.rss - best, 0.0) / max(now.fit.freedoms, 1)
-    near = statistics >= best - max(_MARGIN * min(noise, max(left, 1e-12)), _SHARE * best)
-    order = [i for i in np.argsort(-now.screen.log_evidence) if near[i] and statistics[i] > 0]
-    out: list[Possible] = []
-    most, limits = 0.0, None
-    for i in order[:_RIVALS]:
-        progress(f"trying {now.candidates[i].label}")
-        fit = _refitted(now, int(i))
-        if fit is None or fit.rss > now.fit.rss:
-            continue
-        explained = (now.fit.rss - fit.rss) / _noise_of(now)
-        if explained < _REAL * now.statistic(int(i)) / _noise_of(now):
-            continue  # what the linear model promised was curvature, not explanation
-        if explained < min(most - _MARGIN, (1.0 - _SHARE) * most):
-            continue  # the best one would stand out behind it
-        added = _added(now, int(i), fit, explained, rng, limits, pool)
-        limits = added.after.screen.threshold if limits is None and added.enough else limits
-        most = max(most, explained)
-        out.append(added)
-    # No effect has exactly the form that a model gives it: a small share of the best fit is forgiven.
-    forgiven = (0.5 * min(most - p.explained, _FORM * most) for p in out)
-    fair = [
-        replace(p, log_evidence=p.log_evidence + more)
-        for p, more in zip(out, forgiven, strict=True)
-    ]
-    return sorted(fair, key=lambda p: -p.log_evidence)
+@dataclass(frozen=True)
+class _Trial:
+    """How candidates are tried: the draws, who is told, and the pool."""
+
+    rng: np.random.Generator
+    progress: Progress
+    pool: Pool
+
+    def possible(self, now: Look, level: float) -> list[Possible]:
+        """The candidates that come into question at ``level``, each added and refitted, best evidence first."""
+        statistics = np.array([now.statistic(i) for i in range(len(now.candidates))])
+        if not len(statistics):
+            return []
+        noise = now.fit.rss / max(now.fit.freedoms, 1)
+        best = float(statistics.max())
+        left = max(now.fit.rss - best, 0.0) / max(now.fit.freedoms, 1)
+        near = statistics >= best - max(_MARGIN * min(noise, max(left, 1e-12)), _SHARE * best)
+        order = [i for i in np.argsort(-now.screen.log_evidence) if near[i] and statistics[i] > 0]
+        stands_out = now.screen.significant(level)
+        out: list[Possible] = []
+        standing: list[float] = []
+        most, limits = 0.0, None
+        for i in order[:_RIVALS]:
+            self.progress(f"trying {now.candidates[i].label}")
+            fit = _refitted(now, int(i))
+            if fit is None or fit.rss > now.fit.rss:
+                continue
+            explained = (now.fit.rss - fit.rss) / _noise_of(now)
+            if explained < _REAL * now.statistic(int(i)) / _noise_of(now):
+                continue  # what the linear model promised was curvature, not explanation
+            if explained < min(most - _MARGIN, (1.0 - _SHARE) * most):
+                continue  # the best one would stand out behind it
+            added = self._added(now, int(i), fit, explained, limits)
+            limits = added.after.screen.threshold if limits is None and added.enough else limits
+            most = max(most, explained)
+            out.append(added)
+            if stands_out[i]:
+                standing.append(explained)
+        # What does not stand out itself may only stand in for what does, and as well as that.
+        least = max(standing, default=np.inf) - _AS_GOOD
+        labels = {now.candidates[i].label for i in order if stands_out[i]}
+        out = [p for p in out if p.effect.label in labels or p.explained > least]
+        # No effect has exactly the form that a model gives it: a small share of the best fit is forgiven.
+        forgiven = (0.5 * min(most - p.explained, _FORM * most) for p in out)
+        fair = [
+            replace(p, log_evidence=p.log_evidence + more)
+            for p, more in zip(out, forgiven, strict=True)
+        ]
+        return sorted(fair, key=lambda p: -p.log_evidence)
+
+    def _added(
+        self, now: Look, candidate: int, fit: Fit, explained: float, limits: Threshold | None
+    ) -> Possible:
+        form, after = now.form(candidate), look(fit, self.rng, limits, self.pool)
+        linear = float(now.screen.scores.log_evidence[now.screen.best_form[candidate]])
+        spread = float(now.screen.log_evidence[candidate]) - linear
+        # The evidence of the linear model, with the misfit that the full refit reached in its place.
+        gain = 0.5 * (explained - now.statistic(candidate) / _noise_of(now))
+        return Possible(
+            fit.effects[-1],
+            after,
+            linear + spread + gain,
+            explained,
+            form.retained,
+            not after.significant(MORE) or _only_shape(after, explained),
+        )
 
 
 def _refitted(now: Look, candidate: int) -> Fit | None:
@@ -276,30 +322,6 @@ def _closer(now: Look, form: Form) -> Form:
     return near[int(np.argmax(scores(fit, near).log_evidence))]
 
 
-def _added(
-    now: Look,
-    candidate: int,
-    fit: Fit,
-    explained: float,
-    rng: np.random.Generator,
-    limits: Threshold | None,
-    pool: Pool,
-) -> Possible:
-    form, after = now.form(candidate), look(fit, rng, limits, pool)
-    linear = float(now.screen.scores.log_evidence[now.screen.best_form[candidate]])
-    spread = float(now.screen.log_evidence[candidate]) - linear
-    # The evidence of the linear model, with the misfit that the full refit reached in its place.
-    gain = 0.5 * (explained - now.statistic(candidate) / _noise_of(now))
-    return Possible(
-        fit.effects[-1],
-        after,
-        linear + spread + gain,
-        explained,
-        form.retained,
-        not after.significant(LEVEL) or _only_shape(after, explained),
-    )
-
-
 def _noise_of(now: Look) -> float:
     best = float(now.screen.scores.statistic.max(initial=0.0))
     return float(max((now.fit.rss - best) / max(now.fit.freedoms - 1, 1), 1e-300))
@@ -326,6 +348,12 @@ def _implausible(fit: Fit) -> bool:
     return bool(len(plausible) and np.max(np.abs(beyond) / plausible) > _NEVER)
 
 
+def _more_behind(first: Possible) -> bool:
+    """Whether something surely follows behind a candidate: then another that seems enough was taken for both."""
+    likely = float(first.after.screen.log_evidence.max(initial=0.0))
+    return not first.enough and likely > _UNLIKELY
+
+
 def _shape_only(now: Look, chosen: Sequence[Possible]) -> bool:
     """Whether what stands out is but the shape of effects that are named already.
 
@@ -336,7 +364,7 @@ def _shape_only(now: Look, chosen: Sequence[Possible]) -> bool:
 
 
 def _only_shape(now: Look, largest: float) -> bool:
-    standing_out = now.screen.significant(LEVEL)
+    standing_out = now.screen.significant(MORE)
     standing = [i for i in range(len(now.candidates)) if standing_out[i]]
     if not standing:
         return False

@@ -18,23 +18,14 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.events import (
-    ClockSample,
-    Dwell,
-    Fault,
-    Mark,
-    ModeCommand,
-    ModeReport,
-    RoundTrip,
-    StateChange,
-)
+from recordings.events import ClockSample, Dwell, Fault, Mark, ModeCommand, ModeReport
 from recordings.reader import Recording
 from recordings.recording import Readings
 from recordings.rig import Rig
 from solver.errors import NotEnoughData
 
 _BETWEEN_NS = 1_000_000_000
-_E = TypeVar("_E", Mark, Fault, ModeCommand, ModeReport, ClockSample, StateChange, RoundTrip)
+_E = TypeVar("_E", Mark, Fault, ModeCommand, ModeReport, ClockSample)
 
 
 def together(recordings: Sequence[Recording]) -> Recording:
@@ -108,8 +99,6 @@ def _joined(first: Recording, second: Recording) -> Recording:
         mode_commands=(*first.mode_commands, *_later(second.mode_commands, later)),
         mode_reports=(*first.mode_reports, *_later(second.mode_reports, later)),
         clock=(*first.clock, *_later(second.clock, later)),
-        states=(*first.states, *_later(second.states, later)),
-        round_trips=(*first.round_trips, *_later(second.round_trips, later)),
         damage=(*first.damage, *second.damage),
         session_starts_ns=(
             *(first.session_starts_ns or (first.session.start_ns,)),

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.stats import f
 
-from solver.gap.score import log_f_tail, log_sum
+from loopcal.blind.grid import rig_of
+from recordings.reader import read_recording
+from recordings.rig import parse_rig
+from sim_devices.simulate import simulate
+from solver.gap.analysis import first_fit
+from solver.gap.candidates import candidates
+from solver.gap.score import forms, log_f_tail, log_sum
+from solver.samples import average
 
 
 @pytest.mark.parametrize("width", [1, 2, 5, 8])
@@ -28,3 +37,14 @@ def test_tail_orders_what_would_underflow() -> None:
 
 def test_log_sum_is_exact_where_exponentials_overflow() -> None:
     assert log_sum(np.array([1000.0, 1000.0])) == pytest.approx(1000.0 + np.log(2.0))
+
+
+def test_turns_that_a_ball_does_not_feel_give_a_slip_no_direction(tmp_path: Path) -> None:
+    text = rig_of("wrist")
+    rig = parse_rig(text, "wrist")
+    simulate(rig, text, tmp_path / "w.mcap", seed=4, poses=20)
+    recording = read_recording(tmp_path / "w.mcap")
+    fit = first_fit(recording, average(recording))
+    tested = [c for c in candidates(fit)[0] if c.name == "fixture-slip"]
+    assert tested
+    assert {form.basis.shape[1] for form in forms(fit, tested)} <= {0, 1, 2, 3}
