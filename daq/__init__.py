@@ -6,6 +6,7 @@ kinematics.
 """
 
 from daq.arming import Arming
+from daq.capturing import capture
 from daq.clock import Clock, HostClock, ManualClock
 from daq.errors import (
     ArmingExpired,
@@ -22,7 +23,6 @@ from daq.errors import (
 from daq.mobility import Mobility
 from daq.options import CaptureOptions
 from daq.progress import ChannelProgress, Phase, Progress
-from daq.session import capture
 from daq.summary import CaptureSummary, Ending
 
 __all__ = [

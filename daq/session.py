@@ -1,184 +1,44 @@
-"""A capture session, from preflight to the closed recording.
+"""A session that runs: its parts, and the order in which they begin and end.
 
-Order of a session: look at path, plan and interlocks; open and ask every device; arm; sample,
-until every channel has delivered; only then create the file, and only then move. However the
-session ends, the drives go to safe mode first, then the links stop, then the file is
-completed and closed. All threads have ended when `capture` returns or raises.
+Sampling begins first and ends last. In between the plan is executed and recorded, and
+whatever ends it, the drives go to safe mode before anything else is closed.
 """
 
 from __future__ import annotations
 
-import signal
-import socket
 import threading
-import uuid
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import FrameType
 
 from daq.arming import Arming
 from daq.by_hand import ByHandPlan
-from daq.clock import SECOND, Clock, HostClock
+from daq.clock import SECOND, Clock
 from daq.device_clocks import DeviceClocks
 from daq.driven import DrivenPlan
 from daq.drives import Drives
-from daq.errors import CannotRecord, NotReady, PlanNotPossible, SessionFailed, StopRequested
+from daq.errors import CannotRecord, NotReady, SessionFailed, StopRequested
 from daq.event_queue import EventQueue
 from daq.guard import Guard
 from daq.interlocks import Interlocks
 from daq.link_thread import LinkThread
 from daq.live import LiveState
-from daq.mobility import Mobility, counted
 from daq.options import CaptureOptions
-from daq.preflight import arm_drives, check_path, check_plan, open_all
 from daq.progress import Progress
 from daq.recorder import Recorder
 from daq.scale import scale_of
 from daq.states import SessionStates, Step
 from daq.summary import CaptureSummary, Ending
 from daq.supervision import TICK_S, Supervision
-from drivers import DriverError, JointDrive, Link, make_links
+from drivers import DriverError, JointDrive, Link
 from recordings.errors import RecordingError
 from recordings.events import Event, Mark, Mode
-from recordings.rig import Plan, Rig, Visit, visits
+from recordings.rig import Plan, Rig, Visit
 from recordings.session import Session
 from recordings.timing import DeviceTiming, timings
 from recordings.writer import Writer
 
 
-def _refuse(joints: tuple[str, ...]) -> bool:
-    return False
-
-
-def _ignore(progress: Progress) -> None:
-    return None
-
-
-def capture(
-    rig: Rig,
-    rig_toml: str,
-    path: str | Path,
-    *,
-    links: Sequence[Link] | None = None,
-    clock: Clock | None = None,
-    arm: Callable[[tuple[str, ...]], bool] = _refuse,
-    arming: Arming | None = None,
-    arm_virtual: bool = False,
-    mobility: Mobility | None = None,
-    on_progress: Callable[[Progress], None] = _ignore,
-    stop: threading.Event | None = None,
-    operator: str = "",
-    notes: str = "",
-    plan_override: Plan | None = None,
-    options: CaptureOptions | None = None,
-) -> CaptureSummary:
-    """Execute the plan of a rig and record it.
-
-    SIGINT (Ctrl-C), SIGTERM and SIGHUP end the session like ``stop``, when called from the main
-    thread: safe mode, complete file, summary. A second one changes nothing.
-
-    Args:
-        rig: the rig, as parsed from ``rig_toml``.
-        rig_toml: the rig description, recorded exactly as it is.
-        path: the recording to create; never replaced.
-        links: links made for this rig and ``clock``; they are closed at the end. None makes
-            them from the rig.
-        clock: time of the session; None takes the host's.
-        arm: asked for permission before the joints named are moved; only joints of drives
-            that do not say that they are virtual. Refuses unless given.
-        arming: how long that permission lasts, made for ``clock``, to be renewed by the operator
-            or a live service. None takes the rig's ``arming_s``, and nobody renews it.
-        arm_virtual: whether it may run out on virtual drives too.
-        mobility: how the mechanism can move, which limits what may be held in position
-            together; None counts joints and constraints.
-        on_progress: takes a snapshot about five times a second, in the calling thread.
-        stop: set it from anywhere to end the session.
-        operator: who runs it, for the record.
-        notes: free text, for the record.
-        plan_override: plan to execute in place of the rig's.
-        options: timeouts and limits.
-
-    Returns:
-        what was recorded and lost, and how the session ended: a failure after the recording
-        began is an ending, not an exception.
-
-    Raises:
-        CannotRecord: the file exists already or cannot be created.
-        NotReady: ports, devices or channels do not answer; all of them are named.
-        PlanNotPossible: there is no plan, or it does not fit the rig.
-        NotArmed: arming was refused.
-        NotAllowed: a mistake of the program, after the session was made safe.
-        StopRequested: stopped before the recording began.
-        OptionError: a device's options do not fit its driver (from `drivers`).
-    """
-    plan = plan_override or rig.plan
-    if plan is None:
-        raise PlanNotPossible(f"the rig '{rig.name}' has no [plan]; add one, or give a plan")
-    target = Path(path)
-    options = options or CaptureOptions()
-    check_path(target, options.storage)
-    stops = visits(plan)
-    interlocks = Interlocks(rig, mobility or counted(rig))
-    check_plan(rig, plan, stops, interlocks)
-    clock = clock or HostClock()
-    stop = stop or threading.Event()
-    links = make_links(rig, clock) if links is None else links
-    with ExitStack() as closing:
-        for link in links:
-            closing.callback(link.close)
-        statuses = open_all(links)
-        joints = {joint: drive for link in links for joint, drive in link.joints.items()}
-        arming = arming or Arming(clock, rig.interlocks.arming)
-        limited = arm_drives(rig, joints, statuses, arm) or arm_virtual
-        arming.grant()
-        with _signals_set(stop):
-            session = _Session(
-                rig=rig,
-                plan=plan,
-                stops=stops,
-                links=links,
-                joints=joints,
-                interlocks=interlocks,
-                arming=arming if limited else None,
-                clock=clock,
-                stop=stop,
-                options=options,
-            )
-            metadata = Session(
-                session_id=uuid.uuid4().hex,
-                start_ns=clock.now_ns(),
-                operator=operator,
-                notes=notes,
-                host=socket.gethostname(),
-            )
-            session.start()
-            return session.record(target, rig_toml, metadata, on_progress)
-
-
-@contextmanager
-def _signals_set(stop: threading.Event) -> Iterator[None]:
-    """Let signals set ``stop``: an exception in the middle of a command would be unsafe."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def on_signal(number: int, frame: FrameType | None) -> None:
-        stop.set()
-
-    numbers = [signal.SIGINT, signal.SIGTERM]
-    # A closed terminal hangs up, where there is such a signal, and unless `nohup` has said otherwise.
-    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
-        numbers.append(signal.SIGHUP)
-    before = {number: signal.signal(number, on_signal) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-class _Session:
+class RunningSession:
     """The parts of one session, and the order in which they begin and end."""
 
     def __init__(
