@@ -51,25 +51,16 @@ def wait_for(present: bool, path: Path) -> None:
 
 
 @pytest.mark.wires
-def test_a_script_happens_and_is_told(tmp_path: Path) -> None:
+def test_a_script_and_typed_lines_happen_and_are_told(tmp_path: Path) -> None:
     script = tmp_path / "faults.txt"
     script.write_text("at 500 ms unplug lvdt-adc for 1 s\n")
-    with sim(tmp_path, "--faults", str(script)) as process:
+    with sim(tmp_path, "--faults", str(script), "--live") as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
         wait_for(False, tmp_path / "adc")
         wait_for(True, tmp_path / "adc")
-        assert process.stdout is not None
         said = [process.stdout.readline().split(": ") for _ in range(2)]
-    assert [what.strip() for _, what in said] == ["unplug lvdt-adc for 1 s", "end unplug lvdt-adc"]
-    began, ended = (float(when.removesuffix(" s")) for when, _ in said)
-    assert 0.5 <= began < ended
-    assert ended >= 1.5
-
-
-@pytest.mark.wires
-def test_lines_can_be_typed_while_it_runs(tmp_path: Path) -> None:
-    with sim(tmp_path, "--live") as process:
-        assert process.stdin is not None
-        assert process.stderr is not None
         process.stdin.write("unplug shoulder-adc\nunplgu shoulder-adc\n")
         process.stdin.flush()
         wait_for(False, tmp_path / "adc")
@@ -77,6 +68,10 @@ def test_lines_can_be_typed_while_it_runs(tmp_path: Path) -> None:
         process.stdin.write("replug shoulder-adc\n")
         process.stdin.close()
         wait_for(True, tmp_path / "adc")
+    assert [what.strip() for _, what in said] == ["unplug lvdt-adc for 1 s", "end unplug lvdt-adc"]
+    began, ended = (float(when.removesuffix(" s")) for when, _ in said)
+    assert 0.5 <= began < ended
+    assert ended >= 1.5
 
 
 @pytest.mark.parametrize(
