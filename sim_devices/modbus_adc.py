@@ -62,6 +62,10 @@ class Cell:
 
     def words(self, value: float) -> list[int]:
         """The values of its registers."""
+        if self.order == "ABCD" and self.kind != "float32":
+            number = round(value)
+            low = number & 0xFFFF
+            return [low] if self.kind.endswith("16") else [number >> 16 & 0xFFFF, low]
         size = 2 * len(self.addresses)
         if self.kind == "float32":
             data = struct.pack(">f", value)
@@ -164,19 +168,14 @@ class AdcRegisters:
     def _sample(self, time_s: float) -> dict[int, int]:
         layout = self._layout
         self._samples += 1
-        values: dict[Cell, float] = {
-            layout.time: int(self._crystal.elapsed(time_s) * layout.ticks_per_s)
-        }
+        ticks = int(self._crystal.elapsed(time_s) * layout.ticks_per_s)
+        sample = dict(enumerate(layout.time.words(ticks), layout.time.address))
         if layout.counter is not None:
-            values[layout.counter] = self._samples
+            sample.update(enumerate(layout.counter.words(self._samples), layout.counter.address))
         for signal, cell in layout.signals.items():
             scale = layout.resolution if cell.kind == "float32" else 1
-            values[cell] = self._convert(signal) * scale
-        return {
-            register: word
-            for cell, value in values.items()
-            for register, word in zip(cell.addresses, cell.words(value), strict=True)
-        }
+            sample.update(enumerate(cell.words(self._convert(signal) * scale), cell.address))
+        return sample
 
     def _convert(self, signal: int | str) -> int:
         channel = self._signals.get(signal)
