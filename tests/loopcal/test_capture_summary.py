@@ -8,6 +8,7 @@ import pytest
 
 from daq import CaptureSummary, Ending
 from loopcal.capturing import show_summary
+from loopcal.timing_view import described
 from recordings.events import ClockSample, SessionState, StateChange
 from recordings.timing import DeviceTiming
 
@@ -48,3 +49,38 @@ def test_states_and_timing_are_shown(capsys: pytest.CaptureFixture[str]) -> None
     assert "encoder1 0.70 to 3.00 ms 12 µs -20.30 ± 0.40 ppm" in lines
     assert "adc 1.20 to 9.00 ms no clock" in lines
     assert any("between -9.00 ms and +0.72 ms before those of serial" in line for line in lines)
+
+
+def test_timing_as_json_has_the_keys_of_the_document() -> None:
+    clock = ClockSample("encoder1", 6, 5, 1, 12_000, -20_300, 400)
+    told = described(
+        (
+            DeviceTiming("encoder1", "can", ("q1",), clock, 700_000, 3_000_000),
+            DeviceTiming("stream", "serial", ("q6",), None, None, None),
+        )
+    )
+    assert told == {
+        "devices": [
+            {
+                "device": "encoder1",
+                "port": "can",
+                "channels": ["q1"],
+                "shortest_round_trip_ns": 700_000,
+                "longest_round_trip_ns": 3_000_000,
+                "clock": {
+                    "uncertainty_ns": 12_000,
+                    "drift_ppb": -20_300,
+                    "drift_uncertainty_ppb": 400,
+                },
+            },
+            {
+                "device": "stream",
+                "port": "serial",
+                "channels": ["q6"],
+                "shortest_round_trip_ns": None,
+                "longest_round_trip_ns": None,
+                "clock": None,
+            },
+        ],
+        "skew": [{"first": "can", "second": "serial", "lowest_ns": None, "highest_ns": 724_000}],
+    }
