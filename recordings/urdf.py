@@ -303,7 +303,9 @@ def _axis(joint: urdf.Joint) -> Array:
     axis = np.array(joint.axis if joint.axis is not None else (1.0, 0.0, 0.0), dtype=np.float64)
     largest = float(np.abs(axis).max())
     if not 0 < largest < np.inf:
-        raise RigError(f"joint '{joint.name}' has an axis of length {largest:g}, expected a direction")
+        raise RigError(
+            f"joint '{joint.name}' has an axis of length {largest:g}, expected a direction"
+        )
     axis = axis / largest
     return np.asarray(axis / np.linalg.norm(axis))
 
