@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from drivers.can_bus import EXTENDED, Frame
-from drivers.faults import FaultKind
 from drivers.link import JointDrive, Losses
 from drivers.tally import Tally
 from recordings.events import Event
+from recordings.faults import FaultKind
 
 __all__ = ["EXTENDED", "CanDevice", "CanService", "CanWire", "Identity"]
 

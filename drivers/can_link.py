@@ -24,11 +24,12 @@ from drivers.babble import BabbleWatch
 from drivers.can_bus import Bus, CanBus, Frame, connect
 from drivers.can_device import CanDevice, CanParticipant, CanService
 from drivers.errors import DriverError, LinkBroken, LinkClosed, Malformed, OptionError
-from drivers.faults import FaultKind, FaultThrottle
+from drivers.faults import FaultThrottle
 from drivers.link import Clock, DeviceStatus, JointDrive, Losses
 from drivers.outage import LONGEST_WAIT_S, Outage
 from drivers.schedule import SECOND, Backoff, Schedule
 from recordings.events import Event, Fault, Reading
+from recordings.faults import FaultKind
 from recordings.rig import CanPort
 
 MOST_FRAMES = 256

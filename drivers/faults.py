@@ -12,8 +12,6 @@ from drivers.schedule import SECOND
 from recordings.events import Fault
 from recordings.faults import ENDED_BY, FaultKind
 
-__all__ = ["FaultKind", "FaultThrottle"]
-
 QUIET_NS = SECOND
 """How long what repeats must be missing to be over; also the time between two summaries."""
 

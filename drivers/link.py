@@ -112,7 +112,7 @@ class Link(Protocol):
 
     ``open``, ``check``, ``start``, many ``pump``, ``stop``, one more ``pump`` for what was
     under way, ``close``. A port that goes away between ``open`` and ``close`` is no error: it
-    is reported as a Fault (kinds: `drivers.faults.FaultKind`), opened again when it is back,
+    is reported as a Fault (kinds: `recordings.faults.FaultKind`), opened again when it is back,
     and what was lost meanwhile is counted.
     """
 

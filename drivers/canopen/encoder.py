@@ -33,12 +33,12 @@ from drivers.canopen.sdo import Sdo
 from drivers.counters import WrappingCounter
 from drivers.driver import DeviceSpec, Driver
 from drivers.errors import DeviceRefused, Malformed, OptionError
-from drivers.faults import FaultKind
 from drivers.link import JointDrive, Losses
 from drivers.round_trips import RoundTrips
 from drivers.schedule import SECOND
 from drivers.tally import Tally
 from recordings.events import Event, Fault, Reading, ReadingFlag
+from recordings.faults import FaultKind
 from recordings.rig import CanPort
 from recordings.rig.quantity import Described
 

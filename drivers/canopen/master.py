@@ -24,9 +24,9 @@ from drivers.canopen.device import CanopenDevice
 from drivers.canopen.node_ids import master_id_of
 from drivers.canopen.sdo import SDO_LENGTH, Sdo
 from drivers.errors import Malformed
-from drivers.faults import FaultKind
 from drivers.schedule import SECOND, Schedule
 from recordings.events import Event
+from recordings.faults import FaultKind
 
 HEARTBEAT_HZ = 10.0
 NMT, SYNC, EMCY, SDO_ANSWER, HEARTBEAT = 0x000, 0x080, 0x080, 0x580, 0x700

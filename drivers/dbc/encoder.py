@@ -35,12 +35,12 @@ from drivers.dbc.database import DbcFile, DbcMessage, DbcSignal
 from drivers.dbc.message_watch import MessageWatch, doubled_fault
 from drivers.driver import DeviceSpec, Driver
 from drivers.errors import DeviceSilent, OptionError
-from drivers.faults import FaultKind
 from drivers.link import JointDrive, Losses
 from drivers.schedule import SECOND
 from drivers.stream_tally import StreamTally
 from drivers.tally import Tally
 from recordings.events import Event, Fault, Reading, ReadingFlag
+from recordings.faults import FaultKind
 from recordings.rig import CanPort, Channel
 from recordings.rig.quantity import Described, fail
 

@@ -38,11 +38,11 @@ from drivers.dbc.drive_messages import DbcDriveOptions, DriveMessages, Report, o
 from drivers.dbc.message_watch import drive_faults, status_watch
 from drivers.driver import DeviceSpec, Driver
 from drivers.errors import BadCommand, DeviceRefused, DeviceSilent, OptionError
-from drivers.faults import FaultKind
 from drivers.link import JointDrive, Losses
 from drivers.schedule import SECOND
 from drivers.tally import Tally
 from recordings.events import Event, Fault, Mode, ModeReport
+from recordings.faults import FaultKind
 from recordings.rig import CanPort
 from recordings.rig.quantity import fail
 

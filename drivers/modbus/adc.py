@@ -33,13 +33,13 @@ from pydantic import Field, model_validator
 from drivers.arrivals import Arrivals
 from drivers.driver import DeviceSpec, Driver
 from drivers.errors import DeviceRefused, DeviceSilent, Malformed, OptionError
-from drivers.faults import FaultKind
 from drivers.modbus.line import Line
 from drivers.modbus.link import ModbusLink
 from drivers.modbus.pdu import Identify, Read
 from drivers.modbus.registers import NumberType, Order, Register
 from drivers.tally import Tally
 from recordings.events import Event, Fault, Reading, ReadingFlag
+from recordings.faults import FaultKind
 from recordings.rig import Channel, SerialPort, TcpPort
 from recordings.rig.quantity import Described, fail
 

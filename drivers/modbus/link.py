@@ -25,7 +25,7 @@ from drivers.errors import (
     Malformed,
     OptionError,
 )
-from drivers.faults import FaultKind, FaultThrottle
+from drivers.faults import FaultThrottle
 from drivers.link import Clock, DeviceStatus, JointDrive, Losses
 from drivers.modbus.line import BITS_PER_CHARACTER, Line, RtuLine
 from drivers.modbus.tcp_line import TcpLine
@@ -34,6 +34,7 @@ from drivers.round_trips import RoundTrips
 from drivers.schedule import SECOND, Schedule
 from drivers.tally import Tally
 from recordings.events import Event, Fault
+from recordings.faults import FaultKind
 from recordings.rig import SerialPort, TcpPort
 
 

@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
 from drivers.errors import LinkBroken, LinkClosed, OptionError
-from drivers.faults import FaultKind, FaultThrottle
+from drivers.faults import FaultThrottle
 from drivers.link import Clock, DeviceStatus, JointDrive, Losses
 from drivers.outage import LONGEST_WAIT_S, Outage
 from drivers.ports import open_error
@@ -24,6 +24,7 @@ from drivers.serial_blocks import SerialBlocks, open_blocks
 from drivers.stream.decoder import Sample
 from drivers.stream.sensor import StreamSensor
 from recordings.events import Event, Fault
+from recordings.faults import FaultKind
 from recordings.rig import SerialPort
 
 

@@ -16,12 +16,12 @@ from pydantic import model_validator
 from drivers.arrivals import Arrivals
 from drivers.driver import DeviceSpec
 from drivers.errors import OptionError
-from drivers.faults import FaultKind
 from drivers.link import Losses
 from drivers.schedule import SECOND
 from drivers.stream.decoder import Decoder, Sample
 from drivers.stream_tally import StreamTally
 from recordings.events import Event, Fault, Reading, ReadingFlag
+from recordings.faults import FaultKind
 from recordings.rig.quantity import Described, fail
 
 PERIODS_OF_SILENCE = 5

@@ -14,9 +14,9 @@ from drivers.canopen.encoder import Encoder, EncoderOptions
 from drivers.canopen.joint import CanopenJoint, JointOptions
 from drivers.driver import DeviceSpec
 from drivers.errors import DeviceRefused, DeviceSilent, LinkClosed
-from drivers.faults import FaultKind
 from drivers.link import Losses
 from recordings.events import Fault, Mode, ModeReport, Reading
+from recordings.faults import FaultKind
 from recordings.rig import CanPort
 
 ENCODER = {(0x1000, 0): 0x00010196, (0x1008, 0): "loopcal virtual encoder", (0x6004, 0): 4711}

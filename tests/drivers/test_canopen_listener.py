@@ -9,8 +9,8 @@ import pytest
 from drivers.can_link import CanLink
 from drivers.canopen.listener import CanopenListener, ListenerOptions
 from drivers.driver import DeviceSpec
-from drivers.faults import FaultKind
 from recordings.events import Fault, Mode, ModeCommand, ModeReport
+from recordings.faults import FaultKind
 
 DICTIONARY = {
     (0x1000, 0): 0x00020192,

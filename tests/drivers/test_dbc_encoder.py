@@ -11,9 +11,9 @@ from drivers.can_link import CanLink
 from drivers.dbc.encoder import DbcEncoder, DbcEncoderOptions
 from drivers.driver import DeviceSpec
 from drivers.errors import OptionError
-from drivers.faults import FaultKind
 from drivers.link import Losses
 from recordings.events import Fault, Reading, ReadingFlag
+from recordings.faults import FaultKind
 
 TEXT = (Path(__file__).parent / "bench.dbc").read_text("utf-8")
 THEIRS = cantools.database.load_string(TEXT, "dbc")

@@ -34,7 +34,7 @@ from drivers import (
 )
 from recordings.events import Event, Fault, Mode, ModeCommand, ModeReport, Reading
 from recordings.faults import FaultKind
-from recordings.rig import Rig, load_rig
+from recordings.rig import Rig, load_rig, parse_rig
 from sim_devices.in_memory import MemoryBench
 from sim_devices.running import running
 from sim_devices.virtual_time import VirtualClock
@@ -390,3 +390,24 @@ def test_listeners_hear_another_controller_and_say_nothing(bench, links):
     )
     assert all("another controller sent" in e.cause for e in moves)
     assert link.joints == {}
+
+
+def test_the_adapters_time_is_device_time_where_the_device_has_none(tmp_path):
+    family = FAMILIES["dbc"]
+    stamped = family.text.replace(
+        'channel = "/tmp/loop', 'adapter_time = true\nchannel = "/tmp/loop'
+    )
+    clock = VirtualClock()
+    bench = MemoryBench(parse_rig(stamped), NoisyPlant(), clock)
+    with bench.running():
+        (link,) = make_links(bench.rig, clock)
+        link.open()
+        link.start(HZ)
+        events = pump(link, enough(link, 20), clock)
+        link.close()
+    own, adapters = readings(events, "q1"), readings(events, "q2")
+    assert all(r.device_time_ns is not None for r in (*own, *adapters))
+    # The adapter counts milliseconds; the encoder of q2 has no clock, that of q1 keeps its own.
+    spans = [b.device_time_ns - a.device_time_ns for a, b in pairwise(adapters)]
+    assert {abs(span - 10_000_000) <= 5_000_000 for span in spans} == {True}
+    assert all(r.device_time_ns % 1_000_000 == 0 for r in adapters)

@@ -9,11 +9,11 @@ from pymodbus.framer import FramerRTU
 
 from drivers.driver import DeviceSpec
 from drivers.errors import LinkClosed, PortBusy, PortNotFound
-from drivers.faults import FaultKind
 from drivers.link import Losses
 from drivers.modbus.adc import AdcOptions, ModbusAdc
 from drivers.modbus.link import ModbusLink
 from recordings.events import Fault, Reading, ReadingFlag
+from recordings.faults import FaultKind
 from recordings.rig import SerialPort
 
 HZ = 50.0

@@ -17,13 +17,13 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.driver import DeviceSpec
 from drivers.errors import Malformed
-from drivers.faults import FaultKind
 from drivers.link import Losses
 from drivers.modbus.adc import AdcOptions, ModbusAdc
 from drivers.modbus.link import ModbusLink
 from drivers.modbus.mbap import Adu, AduBuffer, encode
 from drivers.modbus.pdu import Identify, Read
 from recordings.events import Fault, Reading
+from recordings.faults import FaultKind
 from recordings.rig import TcpPort
 
 PORT = TcpPort(kind="tcp", name="line", address="10.0.0.5:502")

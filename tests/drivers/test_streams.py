@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from drivers.driver import DeviceSpec
 from drivers.errors import LinkClosed, OptionError, PortNotFound
-from drivers.faults import FaultKind
 from drivers.link import Losses
 from drivers.stream import ascii_adc, cobs_adc
 from drivers.stream.ascii_adc import AsciiAdcOptions, LineDecoder
@@ -21,6 +20,7 @@ from drivers.stream.cobs_adc import CobsAdcOptions
 from drivers.stream.decoder import Sample
 from drivers.stream.link import StreamLink
 from recordings.events import Fault, Reading, ReadingFlag
+from recordings.faults import FaultKind
 from recordings.rig import SerialPort
 
 PORT = SerialPort(kind="serial", name="line", path="/nowhere")

@@ -5,11 +5,12 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.faults import FaultKind, FaultThrottle
+from drivers.faults import FaultThrottle
 from drivers.link import Losses
 from drivers.schedule import SECOND
 from drivers.tally import Tally
 from recordings.events import Fault
+from recordings.faults import FaultKind
 
 
 def test_a_reading_under_way_is_neither_expected_nor_lost():
