@@ -21,7 +21,7 @@ from daq.errors import PlanNotPossible
 from daq.interlocks import Interlocks
 from daq.mobility import Mobility, counted
 from daq.options import CaptureOptions
-from daq.preflight import arm_drives, check_path, check_plan, open_all
+from daq.preflight import arm_drives, check_drives, check_path, check_plan, open_all
 from daq.progress import Progress
 from daq.session import RunningSession
 from daq.signals import signals_set
@@ -111,8 +111,9 @@ def capture(
     with ExitStack() as closing:
         for link in links:
             closing.callback(link.close)
-        statuses = open_all(links)
         joints = {joint: drive for link in links for joint, drive in link.joints.items()}
+        check_drives(plan, joints)
+        statuses = open_all(links)
         arming = arming or Arming(clock, rig.interlocks.arming)
         limited = arm_drives(rig, joints, statuses, arm) or arm_virtual
         arming.grant()

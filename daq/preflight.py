@@ -6,7 +6,7 @@ look at the bench is enough.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 
 from daq.errors import CannotRecord, NotArmed, NotReady, PlanNotPossible
@@ -69,6 +69,16 @@ def check_plan(rig: Rig, plan: Plan, stops: Sequence[Visit], interlocks: Interlo
             + "".join(f"\n  {text}" for text in forbidden[:MOST_SHOWN])
             + (f"\n  and {len(forbidden) - MOST_SHOWN} more" if len(forbidden) > MOST_SHOWN else "")
         )
+
+
+def check_drives(plan: Plan, joints: Collection[str]) -> None:
+    """Whether every joint that ``plan`` drives has a drive that obeys; raises PlanNotPossible."""
+    for joint in plan.drives:
+        if joint not in joints:
+            raise PlanNotPossible(
+                f"the plan drives '{joint}', but its device only listens to another controller; "
+                f"use a driver that commands, or a plan by hand"
+            )
 
 
 def open_all(links: Sequence[Link]) -> tuple[DeviceStatus, ...]:

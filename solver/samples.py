@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from recordings.events import ReadingFlag
 from recordings.reader import Recording
 from recordings.rig import Channel, Rig, SerialMechanism
 from solver.approach import approaches
@@ -24,6 +25,9 @@ from solver.errors import NotEnoughData
 from solver.mechanism.circumstances import Circumstances
 
 Array = NDArray[np.float64]
+
+NO_MEASUREMENT = ReadingFlag.STALE | ReadingFlag.DEVICE_ERROR
+"""Flags of readings that say nothing about where a joint is now."""
 
 _STILL_MOVING = 5.0  # standard errors between the halves of a dwell
 _FEWEST_SAMPLES = 4  # in a dwell, of every channel
@@ -119,7 +123,10 @@ class PoseTable:
 
 
 def track(recording: Recording, channel: Channel) -> Track:
-    """One channel of a recording as counts that do not wrap."""
+    """One channel of a recording as counts that do not wrap.
+
+    Readings that their device calls stale (an old sample, sent again) or no measurement are left out.
+    """
     readings = recording.readings.get(channel.name)
     if readings is None or len(readings.raw) == 0:
         present = ", ".join(sorted(recording.readings)) or "none"
@@ -127,7 +134,15 @@ def track(recording: Recording, channel: Channel) -> Track:
             f"the recording has no readings of channel '{channel.name}'; it has: {present}. "
             "Record all channels of the rig, or take the channel out of it."
         )
+    measured = (readings.flags & np.uint32(NO_MEASUREMENT)) == 0
+    if not np.any(measured):
+        raise NotEnoughData(
+            f"all {len(measured)} readings of channel '{channel.name}' are flagged by their device as "
+            "stale or in error; mend the device, or take the channel out of the rig"
+        )
     time_ns, counts = readings.time_ns, readings.raw.astype(np.float64)
+    if not np.all(measured):
+        time_ns, counts = time_ns[measured], counts[measured]
     if np.any(time_ns[1:] < time_ns[:-1]):
         order = np.argsort(time_ns, kind="stable")
         time_ns, counts = time_ns[order], counts[order]

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq import CaptureOptions, Ending, HostClock, capture
+from daq import CaptureOptions, Ending, HostClock, PlanNotPossible, capture
 from drivers import make_links
 from recordings.events import Mode
 from recordings.reader import read_recording
@@ -267,3 +267,13 @@ def test_an_arm_that_another_controller_moves_is_only_listened_to(tmp_path, wire
     assert all("another controller sent" in e.cause for e in commands)
     assert {Mode.POSITION} <= {e.mode for e in recording.mode_reports if e.joint == "joint5"}
     assert all(entry.unaccounted == 0 for entry in summary.ledger.values())
+
+
+def test_a_plan_cannot_drive_what_is_only_listened_to(tmp_path):
+    def driver(n: int) -> tuple[str, str]:
+        kind = "canopen-listener" if n == 5 else "canopen-joint"
+        return kind, f"options = {{ node_id = {16 + n} }}"
+
+    rig, text = written(tmp_path, arm_with_drives(driver))
+    with pytest.raises(PlanNotPossible, match="drives 'joint5', but its device only listens"):
+        capture(rig, text, tmp_path / "session.mcap")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recordings.events import Dwell
+from recordings.events import Dwell, ReadingFlag
 from recordings.recording import Readings, Recording
 from recordings.rig import Rig, load_rig
 from recordings.session import Session
@@ -167,3 +168,32 @@ def test_a_rotary_encoder_is_unwrapped_near_its_zero() -> None:
     unwrapped = track(recording, wrapping).counts
     np.testing.assert_allclose(unwrapped, np.round(turning[0, 0]), atol=1.0)
     assert np.abs(np.diff(unwrapped)).max() < 20
+
+
+def test_readings_that_are_no_measurement_are_left_out() -> None:
+    rig = load_rig("shoulder")
+    recording = _recording(rig, _dwells(np.full(4, 2.0), poses=3))
+    name = rig.channels[0].name
+    good = recording.readings[name]
+    raw, flags = good.raw.copy(), good.flags.copy()
+    raw[::10], flags[::10] = 0, ReadingFlag.DEVICE_ERROR
+    raw[5::10], flags[5::10] = raw[4::10], ReadingFlag.STALE
+    flags[1::10] = ReadingFlag.OVERRANGE
+    spoilt = replace(good, raw=raw, flags=flags)
+    found = track(
+        replace(recording, readings={**recording.readings, name: spoilt}), rig.channels[0]
+    )
+    kept = np.ones(len(raw), dtype=bool)
+    kept[::10] = kept[5::10] = False
+    assert found.counts.tolist() == good.raw[kept].tolist()
+    assert found.time_ns.tolist() == good.time_ns[kept].tolist()
+
+
+def test_a_channel_without_a_measurement_is_named() -> None:
+    rig = load_rig("shoulder")
+    recording = _recording(rig, _dwells(np.full(4, 2.0), poses=3))
+    name = rig.channels[0].name
+    good = recording.readings[name]
+    spoilt = replace(good, flags=np.full_like(good.flags, ReadingFlag.STALE))
+    with pytest.raises(NotEnoughData, match="all 150 readings of channel 'd1' are flagged"):
+        track(replace(recording, readings={**recording.readings, name: spoilt}), rig.channels[0])
