@@ -15,6 +15,7 @@ import numpy as np
 from daq.clock import SECOND
 from daq.standstill import Window
 from recordings.events import Event, Fault, ModeReport, Reading, ReadingFlag
+from recordings.faults import ENDS
 from recordings.rig import Channel
 
 KEPT_FAULTS = 1000
@@ -49,7 +50,7 @@ class LiveState:
                     case ModeReport():
                         self._modes[event.joint] = event
                     case Fault():
-                        self._fault_counts[event.source] += 1
+                        self._fault_counts[event.source] += event.kind not in ENDS
                         if len(self._faults) < KEPT_FAULTS:
                             self._faults.append(event)
 
@@ -98,7 +99,7 @@ class LiveState:
 
     @property
     def fault_count(self) -> int:
-        """Number of all faults."""
+        """Number of all faults, those that are over included; their ends are not counted."""
         with self._lock:
             return self._fault_counts.total()
 
