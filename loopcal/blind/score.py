@@ -26,6 +26,9 @@ TWIN = 4.0
 APART = 25.0
 """Five standard deviations, squared: more ought to."""
 
+CODED = ("stuck-bit", "saturation")
+"""What raw codes show by themselves: however alike the traces, these have no twins."""
+
 _Z = 1.959963984540054
 _EDGES = np.sqrt(np.array(STRENGTHS[:-1]) * np.array(STRENGTHS[1:]))
 
@@ -201,7 +204,7 @@ def scores(cases: Sequence[Outcome]) -> tuple[Score, ...]:
     strong = [c for c in singles if c.strength >= STRONG]
     at25, at64 = ([c for c in singles if c.strength == s] for s in (25.0, 64.0))
     from64 = [c for c in singles if c.strength >= 64.0]
-    twins = [c for c in from64 if c.apart < TWIN]
+    twins = [c for c in from64 if c.apart < TWIN and c.sealed["effects"][0]["name"] not in CODED]
 
     def separable(some: Sequence[Outcome]) -> list[Outcome]:
         return [c for c in some if c.apart >= APART]
