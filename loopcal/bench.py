@@ -28,6 +28,8 @@ def run_sim(
 ) -> None:
     """Run the bench in the foreground; says where its ports are as soon as they can be opened.
 
+    The truth is written then too: a bench that cannot run leaves no file behind.
+
     Faults are those of ``script``, and with ``live`` those of the lines of the standard input;
     each is printed when it happens.
     """
@@ -36,10 +38,10 @@ def run_sim(
     lines = LiveLines(sys.stdin.fileno(), faults, _say_error) if live else None
     nature = make_nature(rig, seed, hide)
     plant = make_plant(nature)
-    if truth is not None:
-        write_truth(nature.truth, truth)
 
     def ready(addresses: Mapping[str, str]) -> None:
+        if truth is not None:
+            write_truth(nature.truth, truth)
         for port, address in addresses.items():
             out.print(f"{port} at {address}", markup=False, soft_wrap=True)
         if live:

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from loopcal.console import err, fail, out
+from loopcal.console import fail, out
 from loopcal.export_rows import Rows, fixtures, rows
+from loopcal.progress import bar
 from recordings.reader import read_recording
 from recordings.recording import Recording
 
@@ -40,7 +40,7 @@ def run_export(file: Path, output: Path) -> None:
     write = _csv if suffix == ".csv" else _parquet()
     if output.exists():
         fail(f"'{output}' exists already; choose another name, nothing was overwritten")
-    with _bar() as show:
+    with bar("reading") as show:
         recording = read_recording(file)
         total = sum(map(len, recording.readings.values()))
         write(recording, output, _shown(rows(recording), total, show))
@@ -139,25 +139,9 @@ def _created(output: Path) -> Iterator[None]:
         raise
 
 
-@contextmanager
-def _bar() -> Iterator[Callable[[float], None]]:
-    """A bar on the terminal, to be told the share that is done."""
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TimeElapsedColumn(),
-        console=err,
-        transient=True,
-        disable=not err.is_terminal,
-    )
-    with bar:
-        task = bar.add_task("reading", total=None)
-        yield lambda share: bar.update(task, description="writing", total=1.0, completed=share)
-
-
-def _shown(parts: Iterator[Rows], total: int, show: Callable[[float], None]) -> Iterator[Rows]:
+def _shown(parts: Iterator[Rows], total: int, show: Callable[[str, float], None]) -> Iterator[Rows]:
     done = 0
     for part in parts:
         yield part
         done += len(part.channel)
-        show(done / max(total, 1))
+        show("writing", done / max(total, 1))

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
 from loopcal.console import err, fail, out
 from loopcal.files import create
 from loopcal.gap_rig import grown_rig
+from loopcal.progress import bar
 from loopcal.solving import write_json
 from recordings.reader import Recording, read_recording
 from solver.gap.analysis import analyse
@@ -85,21 +85,8 @@ def run_gap(
 
 def _analysed(recording: Recording, seed: int) -> Gap:
     """The analysis, with a bar on the terminal."""
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TimeElapsedColumn(),
-        console=err,
-        transient=True,
-        disable=not err.is_terminal,
-    )
-    with bar:
-        task = bar.add_task("reading", total=1.0)
-        return analyse(
-            recording,
-            seed=seed,
-            progress=lambda step, share: bar.update(task, description=step, completed=share),
-        )
+    with bar("reading") as show:
+        return analyse(recording, seed=seed, progress=show)
 
 
 def show(gap: Gap, console: Console) -> None:

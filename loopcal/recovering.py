@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from rich.text import Text
 
 from loopcal.console import BAD_ANSWER, DONE, fail, out
-from loopcal.surveying import bar, code_of
+from loopcal.progress import bar
+from loopcal.surveying import code_of
 from recordings.errors import RecordingsError
 from recordings.health import missing
 from recordings.recover import Recovery, recover
@@ -20,8 +22,9 @@ def run_recover(path: Path, output: Path, *, rig: str | None) -> int:
     """Recover ``path`` to ``output`` and say what was lost; returns the exit code."""
     rig_toml = None if rig is None else rig_text(rig)[0]
     try:
-        with bar(f"recovering {path.name}") as on_progress:
-            done = recover(path, output, rig_toml=rig_toml, on_progress=on_progress)
+        label = f"recovering {path.name}"
+        with bar(label) as on_progress:
+            done = recover(path, output, rig_toml=rig_toml, on_progress=partial(on_progress, label))
     except RecordingsError as error:
         fail(str(error), code_of(error))
     _show(done)

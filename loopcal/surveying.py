@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-
 from loopcal.console import BAD_ANSWER, DONE, HOPELESS, WRONG_INPUT, err
+from loopcal.progress import bar
 from recordings.errors import HopelessRecording, NothingReadable, RecordingsError
 from recordings.survey import Survey, survey
 
@@ -26,8 +25,9 @@ def look_through(paths: Sequence[Path], show: Callable[[Survey], bool]) -> int:
     worst = DONE
     for path in paths:
         try:
-            with bar(f"reading {path.name}") as on_progress:
-                found = survey(path, on_progress)
+            label = f"reading {path.name}"
+            with bar(label) as on_progress:
+                found = survey(path, partial(on_progress, label))
             code = DONE if show(found) else BAD_ANSWER
             if found.hopeless:
                 code = HOPELESS
@@ -41,17 +41,3 @@ def look_through(paths: Sequence[Path], show: Callable[[Survey], bool]) -> int:
 def code_of(error: RecordingsError) -> int:
     """The exit code that an error stands for."""
     return HOPELESS if isinstance(error, NothingReadable | HopelessRecording) else WRONG_INPUT
-
-
-@contextmanager
-def bar(label: str) -> Iterator[Callable[[float], None]]:
-    """A bar on the terminal, gone when done; gives what takes the share done, 0 to 1."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TaskProgressColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as progress:
-        task = progress.add_task(label, total=1.0)
-        yield lambda share: progress.update(task, completed=share)

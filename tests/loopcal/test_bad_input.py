@@ -187,3 +187,10 @@ def test_an_unknown_effect(loopcal: Run, tmp_path: Path) -> None:
         "magic",
         "nonlinearity",
     )
+
+
+def test_a_bench_that_cannot_run_leaves_no_truth_behind(loopcal: Run, tmp_path: Path) -> None:
+    truth = tmp_path / "truth.json"
+    port = f"--port=nowhere={tmp_path / 'line'}"
+    refused(loopcal("sim", "shoulder", port, f"--truth={truth}"), "nowhere", "shoulder-adc")
+    assert not truth.exists()
