@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivers.counters import WrappingCounter
+from recordings.events import Reading, ReadingFlag
 
 FEWEST_BITS = 9
 """Of a counter whose going back means a restart."""
@@ -32,6 +33,31 @@ class Arrival:
     device_time_ns: int | None
     step: int | None
     restarted: bool
+
+    @property
+    def flags(self) -> ReadingFlag:
+        """STALE where the device gave the sample before once more."""
+        return ReadingFlag.STALE if self.step == 0 else ReadingFlag.NONE
+
+    def reading(
+        self, channel: str, time_ns: int, counts: int | None, flags: ReadingFlag = ReadingFlag.NONE
+    ) -> Reading:
+        """What ``channel`` measured in this sample, which arrived at ``time_ns``.
+
+        Without ``counts`` the device gave no number: 0, flagged as an error of the device.
+        ``flags`` are what the device says itself.
+        """
+        flags |= self.flags
+        if counts is None:
+            flags |= ReadingFlag.DEVICE_ERROR
+        return Reading(
+            channel=channel,
+            time_ns=time_ns,
+            raw=counts or 0,
+            device_time_ns=self.device_time_ns,
+            sequence=self.sequence,
+            flags=flags,
+        )
 
 
 class Arrivals:

@@ -20,7 +20,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
-from drivers.babble import BabbleWatch
+from drivers.babble import Babble, BabbleWatch
 from drivers.can_bus import Bus, CanBus, Frame, connect
 from drivers.can_device import CanDevice, CanParticipant, CanService
 from drivers.errors import DriverError, LinkBroken, LinkClosed, Malformed, OptionError
@@ -84,7 +84,13 @@ class CanLink:
         self._outage = Outage(port.name, self._bus, self._tallies.values(), clock, self._closing)
         self._unready: dict[CanDevice, Backoff | None] = {}
         self._not_set_up: set[CanDevice] = set()
-        self._babble = BabbleWatch(BABBLE * port.bitrate / BITS_PER_FRAME)
+        babble = Babble(
+            source=port.name,
+            where="bus",
+            what="frames a second that no device of the rig sends",
+            cause="a device babbles, or the bus is shared with too much else",
+        )
+        self._babble = BabbleWatch(babble, BABBLE * port.bitrate / BITS_PER_FRAME)
         self._counted: Counter[FaultKind] = Counter()
         self._reported = (0, 0)
         for service in self._services:
@@ -229,7 +235,7 @@ class CanLink:
             self._serve_outage(now_ns, timeout_s)
             return
         try:
-            self._report_babble(now_ns)
+            self._pending.extend(self._babble.look(now_ns))
             self._send_due(now_ns)
             wait_s = self._wait_s(timeout_s)
             taken = 0
@@ -300,18 +306,6 @@ class CanLink:
             for _ in range(count - self._counted[kind]):
                 self.fault(self._clock.now_ns(), self.name, kind, text)
             self._counted[kind] = count
-
-    def _report_babble(self, now_ns: int) -> None:
-        if not self._babble.changes(now_ns):
-            return
-        kind, text = FaultKind.QUIET, "the bus is quiet again"
-        if self._babble.babbling:
-            kind = FaultKind.BABBLE
-            text = (
-                f"{self._babble.rate_hz:.0f} frames a second that no device of the rig sends, above "
-                f"{self._babble.limit_hz:.0f}: a device babbles, or the bus is shared with too much else"
-            )
-        self._pending.append(Fault(now_ns, self.name, kind, text))
 
     def _set_up_again(self) -> None:
         """Set up devices that an interruption left unready; those that fail are tried again later."""

@@ -1,33 +1,46 @@
-"""A CAN device that is only listened to: what `drivers.can_device.CanDevice` asks and it has not.
+"""A joint drive that is only listened to: what `drivers.can_device.CanDevice` asks and it has not.
 
-For devices that deliver no channel and are sent nothing, such as the drives of another
-controller. A subclass gives ``identifiers``, ``driver``, ``name`` and ``receive``.
+For the drives of another controller: they deliver no channel and are sent nothing. A subclass
+gives ``identifiers`` and ``receive``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from drivers.can_device import CanWire, Identity
+from drivers.driver import DeviceSpec
+from drivers.joint_drive import joint_of
 from drivers.link import JointDrive, Losses
 from drivers.tally import Tally
 from recordings.events import Event
 
 
-class PassiveDevice:
-    """Never sends, never waits, delivers no channel."""
+class PassiveDrive:
+    """Never sends, never waits, delivers no channel.
+
+    Args:
+        spec: the device of the rig.
+        instead: what a channel that names it as its device should do.
+
+    Attributes:
+        joint: the joint that it moves.
+
+    Raises:
+        OptionError: the rig says no joint, or names the device as that of a channel.
+    """
 
     sends = False
     service = None
     drive: JointDrive | None = None
     channels: Sequence[str] = ()
     tallies: Mapping[str, Tally]
-    name: str
-    driver: str
 
-    def __init__(self, name: str, driver: str) -> None:
-        self.name = name
-        self.driver = driver
+    def __init__(self, spec: DeviceSpec[Any], instead: str) -> None:
+        self.joint = joint_of(spec, "listener", instead)
+        self.name = spec.name
+        self.driver = spec.driver
         self.tallies = {}
 
     def attach(self, wire: CanWire) -> None:

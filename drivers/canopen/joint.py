@@ -44,7 +44,8 @@ from drivers.canopen.identity import identify
 from drivers.canopen.master import HEARTBEAT, NMT, NMT_START, OPERATIONAL, CanopenMaster
 from drivers.canopen.sdo import Sdo
 from drivers.driver import DeviceSpec, Driver
-from drivers.errors import BadCommand, DeviceRefused, OptionError
+from drivers.errors import BadCommand, DeviceRefused
+from drivers.joint_drive import joint_of, require_mode
 from drivers.link import JointDrive, Losses
 from drivers.schedule import SECOND
 from drivers.tally import Tally
@@ -92,16 +93,11 @@ class CanopenJoint:
     service = CanopenMaster
 
     def __init__(self, spec: DeviceSpec[JointOptions]) -> None:
-        if spec.joint is None:
-            raise OptionError(f"device '{spec.name}' is a joint drive; say which 'joint' it moves")
-        if spec.channels:
-            raise OptionError(
-                f"channel '{spec.channels[0].name}' names the joint drive '{spec.name}' as its "
-                f"device; a drive delivers no channel, name the sensor's device"
-            )
+        self.joint = joint_of(
+            spec, "joint drive", instead="a drive delivers no channel, name the sensor's device"
+        )
         self.name = spec.name
         self.driver = spec.driver
-        self.joint: str = spec.joint
         self.node_id = spec.options.node_id
         self._master_id = spec.options.master_id
         self.master_id: int | None = self._master_id
@@ -158,7 +154,7 @@ class CanopenJoint:
         if not -(1 << 31) <= target_raw < 1 << 31:
             raise BadCommand(f"{self.name}: the target {target_raw} does not fit 32 bits")
         with self._commanding:
-            self._require(Mode.POSITION)
+            require_mode(self.name, self._mode, Mode.POSITION)
             self._sdo.write(0x607A, 0, target_raw, size=4)
             new = cia402.ENABLE_OPERATION | cia402.CHANGE_AT_ONCE | cia402.NEW_SET_POINT
             self._sdo.write(0x6040, 0, new, size=2)
@@ -177,7 +173,7 @@ class CanopenJoint:
         if not -(1 << 15) <= permille < 1 << 15:
             raise BadCommand(f"{self.name}: the torque {permille} does not fit 16 bits")
         with self._commanding:
-            self._require(Mode.TORQUE)
+            require_mode(self.name, self._mode, Mode.TORQUE)
             self._sdo.write(0x6071, 0, permille, size=2)
             self._torque = permille
 
@@ -363,12 +359,6 @@ class CanopenJoint:
                     f"{self.name} {complaint} within {timeout_s} s "
                     f"(status word 0x{shown.status:04X}, mode display {shown.display})"
                 )
-
-    def _require(self, mode: Mode) -> None:
-        if self._mode is not mode:
-            raise BadCommand(
-                f"{self.name} is in mode {self._mode.name}, expected {mode.name}; set it first"
-            )
 
     def _faulty(self, complaint: str) -> DeviceRefused:
         self._error_code = self._sdo.read_integer(0x603F)

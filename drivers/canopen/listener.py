@@ -29,8 +29,8 @@ from drivers.can_link import CanLink
 from drivers.canopen import cia402
 from drivers.canopen.cia402 import Operation, State, decode, mode_of, state_of
 from drivers.driver import DeviceSpec, Driver
-from drivers.errors import Malformed, OptionError
-from drivers.passive import PassiveDevice
+from drivers.errors import Malformed
+from drivers.passive import PassiveDrive
 from recordings.events import Event, Fault, Mode, ModeCommand, ModeReport
 from recordings.faults import FaultKind
 from recordings.rig import CanPort
@@ -126,21 +126,11 @@ class Commanded:
         return mode, self._torque if mode is Mode.TORQUE else None
 
 
-class CanopenListener(PassiveDevice):
+class CanopenListener(PassiveDrive):
     """One drive of another controller. See `drivers.can_device.CanDevice`."""
 
     def __init__(self, spec: DeviceSpec[ListenerOptions]) -> None:
-        super().__init__(spec.name, spec.driver)
-        if spec.joint is None:
-            raise OptionError(
-                f"device '{spec.name}' listens to a drive; say which 'joint' it moves"
-            )
-        if spec.channels:
-            raise OptionError(
-                f"channel '{spec.channels[0].name}' names the listener '{spec.name}' as its device; "
-                f"a listener delivers no channel, name the sensor's device"
-            )
-        self._joint = spec.joint
+        super().__init__(spec, instead="a listener delivers no channel, name the sensor's device")
         node_id = spec.options.node_id
         self._pdos = {
             0x100 * int(number) + 0x100 + node_id: objects
@@ -194,7 +184,7 @@ class CanopenListener(PassiveDevice):
         self._command = command
         said = ", ".join(f"{name} {value}" for name, value in values.items())
         cause = f"another controller sent, by {way}: {said}"
-        return (ModeCommand(self._joint, frame.time_ns, *command, cause),)
+        return (ModeCommand(self.joint, frame.time_ns, *command, cause),)
 
     def _reported(self, frame: Frame) -> Sequence[Event]:
         status, display = decode(frame.data)
@@ -203,7 +193,7 @@ class CanopenListener(PassiveDevice):
             self._told.assume(display)
         mode = mode_of(state, display or Operation.NONE, self._told.torque)
         error_code = self._error_code if mode is Mode.FAULT else 0
-        report = ModeReport(self._joint, frame.time_ns, mode, status, error_code)
+        report = ModeReport(self.joint, frame.time_ns, mode, status, error_code)
         last, self._report = self._report, report
         if last is not None and (last.mode, last.status, last.error_code) == (
             mode,

@@ -122,7 +122,7 @@ class MessageTrack:
         for name, signal, raw in values:
             if raw is None:
                 continue
-            flags = ReadingFlag.STALE if arrival.step == 0 else ReadingFlag.NONE
+            flags = arrival.flags
             if doubled:
                 # Whose reading it is, and whose counter, cannot be known.
                 flags = ReadingFlag.DEVICE_ERROR

@@ -38,6 +38,7 @@ from drivers.dbc.drive_messages import DbcDriveOptions, DriveMessages, Report, o
 from drivers.dbc.message_watch import drive_faults, status_watch
 from drivers.driver import DeviceSpec, Driver
 from drivers.errors import BadCommand, DeviceRefused, DeviceSilent, OptionError
+from drivers.joint_drive import joint_of, require_mode
 from drivers.link import JointDrive, Losses
 from drivers.schedule import SECOND
 from drivers.tally import Tally
@@ -85,16 +86,11 @@ class DbcJoint:
 
     def __init__(self, spec: DeviceSpec[DbcJointOptions]) -> None:
         options = spec.options
-        if spec.joint is None:
-            raise OptionError(f"device '{spec.name}' is a joint drive; say which 'joint' it moves")
-        if spec.channels:
-            raise OptionError(
-                f"channel '{spec.channels[0].name}' names the joint drive '{spec.name}' as its "
-                f"device; read its position with a device of the driver dbc-encoder"
-            )
+        self.joint = joint_of(
+            spec, "joint drive", instead="read its position with a device of the driver dbc-encoder"
+        )
         self.name = spec.name
         self.driver = spec.driver
-        self.joint: str = spec.joint
         self.channels: tuple[str, ...] = ()
         self.tallies = {}
         self.drive: JointDrive | None = self
@@ -188,13 +184,13 @@ class DbcJoint:
     def move_to(self, target_raw: int) -> None:
         """Move to a target [counts]; see `drivers.link.JointDrive.move_to`."""
         with self._commanding:
-            self._require(Mode.POSITION)
+            require_mode(self.name, self._mode, Mode.POSITION)
             self._command(Mode.POSITION, target_raw)
 
     def set_torque(self, permille: int) -> None:
         """Set the torque [per mille of rated]; see `drivers.link.JointDrive.set_torque`."""
         with self._commanding:
-            self._require(Mode.TORQUE)
+            require_mode(self.name, self._mode, Mode.TORQUE)
             self._command(Mode.TORQUE, permille)
 
     def report(self) -> ModeReport:
@@ -288,12 +284,6 @@ class DbcJoint:
             f"0x{status.identifier & 0x1FFF_FFFF:X}) within {STATUS_S} s; check the bit rate, power "
             f"and wiring"
         )
-
-    def _require(self, mode: Mode) -> None:
-        if self._mode is not mode:
-            raise BadCommand(
-                f"{self.name} is in mode {self._mode.name}, expected {mode.name}; set it first"
-            )
 
     def _faulty(self, complaint: str) -> DeviceRefused:
         code = 0 if self._latest is None else self._latest[0].error_code

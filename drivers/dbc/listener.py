@@ -16,28 +16,17 @@ from drivers.can_link import CanLink
 from drivers.dbc.drive_messages import Command, DbcDriveOptions, DriveMessages, Report, open_dbc
 from drivers.dbc.message_watch import drive_faults, status_watch
 from drivers.driver import DeviceSpec, Driver
-from drivers.errors import OptionError
-from drivers.passive import PassiveDevice
+from drivers.passive import PassiveDrive
 from recordings.events import Event, Fault, ModeCommand, ModeReport
 from recordings.faults import FaultKind
 from recordings.rig import CanPort
 
 
-class DbcListener(PassiveDevice):
+class DbcListener(PassiveDrive):
     """One drive of another controller. See `drivers.can_device.CanDevice`."""
 
     def __init__(self, spec: DeviceSpec[DbcDriveOptions]) -> None:
-        super().__init__(spec.name, spec.driver)
-        if spec.joint is None:
-            raise OptionError(
-                f"device '{spec.name}' listens to a drive; say which 'joint' it moves"
-            )
-        if spec.channels:
-            raise OptionError(
-                f"channel '{spec.channels[0].name}' names the listener '{spec.name}' as its device; "
-                f"read it with a device of the driver dbc-encoder"
-            )
-        self._joint = spec.joint
+        super().__init__(spec, instead="read it with a device of the driver dbc-encoder")
         self._messages = DriveMessages(open_dbc(spec.file, spec.name, spec.driver), spec.options)
         self.identifiers = (self._messages.command.identifier, self._messages.status.identifier)
         self._commanded: Command | None = None
@@ -58,7 +47,7 @@ class DbcListener(PassiveDevice):
                 return ()
             self._commanded = command
             cause = f"another controller sent {self._messages.command.name} {frame.data.hex()}"
-            return (ModeCommand(self._joint, frame.time_ns, command.mode, command.target, cause),)
+            return (ModeCommand(self.joint, frame.time_ns, command.mode, command.target, cause),)
         events: list[Event] = []
         if self._status.hear(frame.time_ns):
             text = f"{self.name} sends {self._messages.status.name} again"
@@ -69,7 +58,7 @@ class DbcListener(PassiveDevice):
         self._reported = report
         return (
             *events,
-            ModeReport(self._joint, frame.time_ns, report.mode, report.status, report.error_code),
+            ModeReport(self.joint, frame.time_ns, report.mode, report.status, report.error_code),
         )
 
     def serve(self, now_ns: int) -> Sequence[Event]:

@@ -38,7 +38,7 @@ from drivers.modbus.link import ModbusLink
 from drivers.modbus.pdu import Identify, Read
 from drivers.modbus.registers import NumberType, Order, Register
 from drivers.tally import Tally
-from recordings.events import Event, Fault, Reading, ReadingFlag
+from recordings.events import Event, Fault, Reading
 from recordings.faults import FaultKind
 from recordings.rig import Channel, SerialPort, TcpPort
 from recordings.rig.quantity import Described, fail
@@ -205,24 +205,13 @@ class RegisterMap:
             self._integer(self._options.counter, registers),
             self._integer(self._options.time, registers),
         )
-        stale = ReadingFlag.STALE if arrival.step == 0 else ReadingFlag.NONE
         missed = 0
         if self._options.counter_counts == "reads":
             missed = max((arrival.step or 1) - 1, 0)
         readings = []
         for name, register in self._channels:
             counts = register.counts(self._values(register, registers), self._resolution)
-            no_number = ReadingFlag.NONE if counts is not None else ReadingFlag.DEVICE_ERROR
-            readings.append(
-                Reading(
-                    channel=name,
-                    time_ns=time_ns,
-                    raw=counts or 0,
-                    device_time_ns=arrival.device_time_ns,
-                    sequence=arrival.sequence,
-                    flags=stale | no_number,
-                )
-            )
+            readings.append(arrival.reading(name, time_ns, counts))
         return readings, missed, arrival.restarted
 
     def _integer(self, register: Register | None, registers: Sequence[int]) -> int | None:

@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
-from drivers.babble import BabbleWatch
+from drivers.babble import Babble, BabbleWatch
 from drivers.errors import (
     DeviceRefused,
     DeviceSilent,
@@ -105,7 +105,13 @@ class ModbusLink:
         self._late = self._foreign = self._noise = 0
         # Without a baud rate (TCP) there is no noise either: what makes no sense ends the connection.
         baudrate = port.baudrate if isinstance(port, SerialPort) else 0
-        self._babble = BabbleWatch(BABBLE * baudrate / BITS_PER_CHARACTER)
+        babble = Babble(
+            source=port.name,
+            where="line",
+            what="bytes a second that are nobody's reply",
+            cause="a device babbles, or baud rate or parity differ",
+        )
+        self._babble = BabbleWatch(babble, BABBLE * baudrate / BITS_PER_CHARACTER)
 
     def open(self) -> None:
         """Open the port; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
@@ -168,7 +174,7 @@ class ModbusLink:
             now_ns = self._clock.now_ns()
         if instants := self._schedule.due(now_ns):
             self._poll_all(instants)
-        self._report_babble(now_ns)
+        self._pending.extend(self._babble.look(now_ns))
 
     def _poll_all(self, instants: int) -> None:
         for device in self._devices:
@@ -212,18 +218,6 @@ class ModbusLink:
             self._foreign = self._line.foreign
         self._babble.hear(self._line.noise - self._noise)
         self._noise = self._line.noise
-
-    def _report_babble(self, now_ns: int) -> None:
-        if not self._babble.changes(now_ns):
-            return
-        kind, text = FaultKind.QUIET, "the line is quiet again"
-        if self._babble.babbling:
-            kind = FaultKind.BABBLE
-            text = (
-                f"{self._babble.rate_hz:.0f} bytes a second that are nobody's reply, above "
-                f"{self._babble.limit_hz:.0f}: a device babbles, or baud rate or parity differ"
-            )
-        self._pending.append(Fault(now_ns, self.name, kind, text))
 
     def _fault(self, source: str, kind: FaultKind, text: str) -> None:
         self._pending.extend(self._throttle.offer(Fault(self._clock.now_ns(), source, kind, text)))

@@ -20,7 +20,7 @@ from drivers.link import Losses
 from drivers.schedule import SECOND
 from drivers.stream.decoder import Decoder, Sample
 from drivers.stream_tally import StreamTally
-from recordings.events import Event, Fault, Reading, ReadingFlag
+from recordings.events import Event, Fault
 from recordings.faults import FaultKind
 from recordings.rig.quantity import Described, fail
 
@@ -150,21 +150,9 @@ class StreamSensor:
             text = f"{self.name} has restarted by itself: its counter or clock began anew"
             events.append(Fault(time_ns, self.name, FaultKind.RESTARTED, text))
         self._heard_ns = time_ns
-        stale = ReadingFlag.STALE if arrival.step == 0 else ReadingFlag.NONE
         for name, signal in self.channels.items():
             self._tallies[name].receive(time_ns, arrival.step)
-            counts = sample.counts[signal]
-            no_number = ReadingFlag.NONE if counts is not None else ReadingFlag.DEVICE_ERROR
-            events.append(
-                Reading(
-                    channel=name,
-                    time_ns=time_ns,
-                    raw=counts or 0,
-                    device_time_ns=arrival.device_time_ns,
-                    sequence=arrival.sequence,
-                    flags=sample.flags | stale | no_number,
-                )
-            )
+            events.append(arrival.reading(name, time_ns, sample.counts[signal], sample.flags))
         return events
 
     def silence(self, now_ns: int) -> Sequence[Event]:

@@ -4,23 +4,37 @@ from __future__ import annotations
 
 import random
 
-from drivers.babble import BabbleWatch
+from drivers.babble import Babble, BabbleWatch
 from drivers.canopen.beat import BEAT_MS, BeatWatch
 from drivers.canopen.doubles import SURPLUS, DoubleWatch
 from drivers.slcan import REFUSED_IN_A_ROW, Refusals
+from recordings.events import Fault
+from recordings.faults import FaultKind
 
 SECOND = 1_000_000_000
 MS = 1_000_000
+BABBLE = Babble("bus1", "bus", "frames a second", "a device babbles")
 
 
 def babble_changes(counts: list[int]) -> list[int]:
     """The tenths of a second at which the babble changes, for so much in each of them."""
-    watch, changes = BabbleWatch(1000.0), []
+    watch, changes = BabbleWatch(BABBLE, 1000.0), []
     for tenth, count in enumerate(counts):
-        if watch.changes(tenth * SECOND // 10):
+        if watch.look(tenth * SECOND // 10):
             changes.append(tenth)
         watch.hear(count)
     return changes
+
+
+def test_babble_is_told_with_its_rate_and_its_likely_cause():
+    watch = BabbleWatch(BABBLE, 1000.0)
+    assert watch.look(0) == ()
+    watch.hear(1500)
+    (begins,) = watch.look(SECOND)
+    text = "1500 frames a second, above 1000: a device babbles"
+    assert begins == Fault(SECOND, "bus1", FaultKind.BABBLE, text)
+    (ends,) = watch.look(3 * SECOND)
+    assert ends == Fault(3 * SECOND, "bus1", FaultKind.QUIET, "the bus is quiet again")
 
 
 def test_babble_is_a_rate_and_ends_after_a_second_of_quiet():
