@@ -11,25 +11,16 @@ from __future__ import annotations
 
 import queue
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 from drivers.can_bus import EXTENDED, Frame
+from drivers.identity import Identity
 from drivers.link import JointDrive, Losses
 from drivers.tally import Tally
 from recordings.events import Event
 from recordings.faults import FaultKind
 
 __all__ = ["EXTENDED", "CanDevice", "CanService", "CanWire", "Identity"]
-
-
-@dataclass(frozen=True, slots=True)
-class Identity:
-    """What a device says that it is; ``problem`` is "" when that is what the rig expects."""
-
-    text: str
-    virtual: bool
-    problem: str = ""
 
 
 class CanWire(Protocol):

@@ -16,17 +16,18 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 from drivers.babble import Babble, BabbleWatch
 from drivers.can_bus import Bus, CanBus, Frame, connect
 from drivers.can_device import CanDevice, CanParticipant, CanService
-from drivers.errors import DriverError, LinkBroken, LinkClosed, Malformed, OptionError
-from drivers.faults import FaultThrottle
+from drivers.errors import DriverError, LinkBroken, Malformed, OptionError
+from drivers.identity import status_of
 from drivers.link import Clock, DeviceStatus, JointDrive, Losses
-from drivers.outage import LONGEST_WAIT_S, Outage
+from drivers.outage import LONGEST_WAIT_S
+from drivers.port_link import PortLink
 from drivers.schedule import SECOND, Backoff, Schedule
 from recordings.events import Event, Fault, Reading
 from recordings.faults import FaultKind
@@ -44,7 +45,7 @@ BABBLE = 0.5
 """Share of the bus that frames which nobody wants may take before they are called babble."""
 
 
-class CanLink:
+class CanLink(PortLink):
     """All devices of one CAN port. See `drivers.link.Link` and `drivers.can_device.CanWire`.
 
     Raises:
@@ -58,7 +59,9 @@ class CanLink:
         clock: Clock,
         connect: Callable[[CanPort], Bus] = connect,
     ) -> None:
-        self.name = port.name
+        self._bus = CanBus(port, clock, connect)
+        self._tallies = {name: tally for d in devices for name, tally in d.tallies.items()}
+        super().__init__(port.name, self._bus, clock, self._tallies.values())
         self.joints: Mapping[str, JointDrive] = {
             device.drive.joint: device.drive for device in devices if device.drive is not None
         }
@@ -70,18 +73,9 @@ class CanLink:
         for participant in self._participants:
             for identifier in participant.identifiers:
                 self._takers.setdefault(identifier, []).append(participant)
-        self._clock = clock
-        self._bus = CanBus(port, clock, connect)
-        self._tallies = {name: tally for d in devices for name, tally in d.tallies.items()}
-        self._turn = threading.Lock()
         self._sending = threading.Lock()
-        self._closing = threading.Event()
-        self._closing.set()
-        self._pending: deque[Event] = deque()
-        self._throttle = FaultThrottle()
         self._schedule: Schedule | None = None
         self._started = False
-        self._outage = Outage(port.name, self._bus, self._tallies.values(), clock, self._closing)
         self._unready: dict[CanDevice, Backoff | None] = {}
         self._not_set_up: set[CanDevice] = set()
         babble = Babble(
@@ -99,22 +93,15 @@ class CanLink:
             if device.service is None:
                 device.attach(self)
 
-    def open(self) -> None:
-        """Open the port; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
-        with self._turn:
-            self._bus.open()
-            self._outage.end()
-            for service in self._services:
-                service.open(self._clock.now_ns())
-            self._closing.clear()
-
     def check(self) -> tuple[DeviceStatus, ...]:
         """Ask all devices at once who they are; raises LinkClosed."""
         self._require_open()
         if not self._devices:
             return ()
         with ThreadPoolExecutor(len(self._devices), f"{self.name}-check") as pool:
-            return tuple(pool.map(self._check, self._devices))
+            return tuple(
+                pool.map(lambda each: status_of(each, self.name, each.identify), self._devices)
+            )
 
     def start(self, sample_hz: float) -> None:
         """Set up all devices, then sample; raises DeviceSilent, DeviceRefused or LinkBroken."""
@@ -134,9 +121,7 @@ class CanLink:
                 self._serve(timeout_s)
         self._set_up_again()
         with self._turn:
-            events = list(self._pending)
-            self._pending.clear()
-        return events
+            return self._taken()
 
     def losses(self) -> Mapping[str, Losses]:
         """Losses of each channel, in step with the readings that `pump` has returned."""
@@ -157,8 +142,7 @@ class CanLink:
     def stop(self) -> None:
         """End sampling, having waited shortly for answers under way."""
         with self._turn:
-            self._schedule = None
-            self._started = False
+            self._end_sampling()
             deadline = time.monotonic() + LAST_ANSWERS_S
             while (
                 any(tally.under_way for tally in self._tallies.values())
@@ -170,14 +154,6 @@ class CanLink:
                 tally.give_up()
             for device in self._devices:
                 device.stop(self._clock.now_ns())
-
-    def close(self) -> None:
-        """Let the port go. Drives that heed the master's heartbeat fall into their safe state."""
-        self._closing.set()
-        with self._turn:
-            self._schedule = None
-            self._started = False
-            self._bus.close()
 
     def now_ns(self) -> int:
         """Time of the session."""
@@ -214,10 +190,6 @@ class CanLink:
         """See `drivers.can_device.CanWire.is_wanted`."""
         return any(identifier in device.identifiers for device in self._devices)
 
-    def fault(self, time_ns: int, source: str, kind: FaultKind, text: str) -> None:
-        """Report a fault; called in a turn."""
-        self._pending.extend(self._throttle.offer(Fault(time_ns, source, kind, text)))
-
     def restarted(self, device: CanDevice) -> None:
         """Set ``device`` up again, if it had been started; called in a turn."""
         if not self._started:
@@ -226,6 +198,14 @@ class CanLink:
         self.fault(self._clock.now_ns(), device.name, FaultKind.RESTARTED, text)
         self._unready[device] = None
         self._not_set_up.add(device)
+
+    def _opened(self) -> None:
+        for service in self._services:
+            service.open(self._clock.now_ns())
+
+    def _end_sampling(self) -> None:
+        self._schedule = None
+        self._started = False
 
     def _serve(self, timeout_s: float) -> None:
         """One turn: send what is due, wait for a frame, take all that are there."""
@@ -344,29 +324,6 @@ class CanLink:
         self._not_set_up.add(device)
         with self._turn:
             self.fault(now_ns, device.name, FaultKind.NOT_STARTED, str(error))
-
-    def _check(self, device: CanDevice) -> DeviceStatus:
-        channels = tuple(device.channels)
-        try:
-            identity = device.identify()
-        except DriverError as error:
-            return DeviceStatus(
-                device.name, device.driver, self.name, channels, answers=False, problem=str(error)
-            )
-        return DeviceStatus(
-            name=device.name,
-            driver=device.driver,
-            port=self.name,
-            channels=channels,
-            answers=True,
-            identity=identity.text,
-            virtual=identity.virtual,
-            problem=identity.problem,
-        )
-
-    def _require_open(self) -> None:
-        if self._closing.is_set():
-            raise LinkClosed(f"port '{self.name}' is not open; call open() first")
 
     def _require_present(self) -> None:
         self._require_open()

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from drivers.can_device import Identity
 from drivers.canopen.sdo import Sdo
 from drivers.errors import DeviceRefused
-
-VIRTUAL_PREFIX = "loopcal virtual"
-"""How the name of a simulated device begins."""
+from drivers.identity import VIRTUAL_PREFIX, Identity
 
 
 def identify(sdo: Sdo, profile: int, kind: str) -> Identity:

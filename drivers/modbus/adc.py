@@ -33,6 +33,7 @@ from pydantic import Field, model_validator
 from drivers.arrivals import Arrivals
 from drivers.driver import DeviceSpec, Driver
 from drivers.errors import DeviceRefused, DeviceSilent, Malformed, OptionError
+from drivers.identity import VIRTUAL_PREFIX, Identity
 from drivers.modbus.line import Line
 from drivers.modbus.link import ModbusLink
 from drivers.modbus.pdu import Identify, Read
@@ -249,7 +250,8 @@ class ModbusAdc:
         self.name = spec.name
         self.driver = spec.driver
         self.unit_id = options.unit_id
-        self.tallies: Mapping[str, Tally] = {channel.name: Tally() for channel in spec.channels}
+        self.channels = tuple(channel.name for channel in spec.channels)
+        self.tallies: Mapping[str, Tally] = {name: Tally() for name in self.channels}
         self._map = RegisterMap(options, spec.channels)
         self._timeout_s = options.timeout
         self._all = Read(options.unit_id, options.function, options.address, options.count)
@@ -258,16 +260,17 @@ class ModbusAdc:
         self._owes_a_reply = False
         self._unused = 0
 
-    def identify(self, line: Line) -> str:
-        """Its identification, "" where it has none; raises DeviceSilent, DeviceRefused, Malformed."""
+    def identify(self, line: Line) -> Identity:
+        """Its identification, with the text "" where it has none; raises DeviceSilent, DeviceRefused, Malformed."""
         self._read(line)
         self._unused += 1
         try:
             answer = line.ask(Identify(self.unit_id), self._timeout_s)
         except (DeviceRefused, DeviceSilent, Malformed):
             # Few converters have this function. A slave that does not know it may stay silent.
-            return ""
-        return " ".join(answer.reply.texts)
+            return Identity("", virtual=False)
+        text = " ".join(answer.reply.texts)
+        return Identity(text, text.startswith(VIRTUAL_PREFIX))
 
     def poll(self, line: Line) -> Sequence[Event]:
         """One reading of each channel; raises DeviceSilent, DeviceRefused, Malformed or LinkBroken."""

@@ -10,30 +10,22 @@ samples that were due meanwhile are counted as lost.
 
 from __future__ import annotations
 
-import threading
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 from drivers.babble import Babble, BabbleWatch
-from drivers.errors import (
-    DeviceRefused,
-    DeviceSilent,
-    DriverError,
-    LinkBroken,
-    LinkClosed,
-    Malformed,
-    OptionError,
-)
-from drivers.faults import FaultThrottle
+from drivers.errors import DeviceRefused, DeviceSilent, LinkBroken, Malformed, OptionError
+from drivers.identity import Identity, status_of
 from drivers.link import Clock, DeviceStatus, JointDrive, Losses
 from drivers.modbus.line import BITS_PER_CHARACTER, Line, RtuLine
 from drivers.modbus.tcp_line import TcpLine
-from drivers.outage import LONGEST_WAIT_S, Outage
+from drivers.outage import LONGEST_WAIT_S
+from drivers.port_link import PortLink
 from drivers.round_trips import RoundTrips
 from drivers.schedule import SECOND, Schedule
 from drivers.tally import Tally
-from recordings.events import Event, Fault
+from recordings.events import Event
 from recordings.faults import FaultKind
 from recordings.rig import SerialPort, TcpPort
 
@@ -53,8 +45,13 @@ class PolledDevice(Protocol):
     unit_id: int
     tallies: Mapping[str, Tally]
 
-    def identify(self, line: Line) -> str:
-        """Ask it who it is, "" where it cannot say; raises DriverError where it does not answer."""
+    @property
+    def channels(self) -> Sequence[str]:
+        """Channels that it delivers."""
+        ...
+
+    def identify(self, line: Line) -> Identity:
+        """Ask it who it is; raises DriverError where it does not answer."""
         ...
 
     def poll(self, line: Line) -> Sequence[Event]:
@@ -67,11 +64,8 @@ LARGEST_SERIAL_UNIT = 247
 BABBLE = 0.1
 """Share of the line that bytes which are nobody's reply may take before they are called babble."""
 
-VIRTUAL_PREFIX = "loopcal virtual"
-"""How the identification of a simulated device begins."""
 
-
-class ModbusLink:
+class ModbusLink(PortLink):
     """All Modbus devices of one port. See `drivers.link.Link`.
 
     Raises:
@@ -86,19 +80,12 @@ class ModbusLink:
         clock: Clock,
         connect: Callable[[Any], Any] | None = None,
     ) -> None:
-        self.name = port.name
-        self.joints: Mapping[str, JointDrive] = {}
         _check_units(port, devices)
+        self.joints: Mapping[str, JointDrive] = {}
         self._devices = tuple(devices)
-        self._clock = clock
         self._line = _line(port, clock, connect)
         self._tallies = {name: tally for d in devices for name, tally in d.tallies.items()}
-        self._turn = threading.Lock()
-        self._closing = threading.Event()
-        self._closing.set()
-        self._outage = Outage(port.name, self._line, self._tallies.values(), clock, self._closing)
-        self._pending: deque[Event] = deque()
-        self._throttle = FaultThrottle()
+        super().__init__(port.name, self._line, clock, self._tallies.values())
         self._failing: set[str] = set()
         self._round_trips = {device.name: RoundTrips(device.name) for device in devices}
         self._schedule: Schedule | None = None
@@ -113,32 +100,19 @@ class ModbusLink:
         )
         self._babble = BabbleWatch(babble, BABBLE * baudrate / BITS_PER_CHARACTER)
 
-    def open(self) -> None:
-        """Open the port; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
-        with self._turn:
-            self._line.open()
-            self._outage.end()
-            self._closing.clear()
-
     def check(self) -> tuple[DeviceStatus, ...]:
         """Ask all devices, one after another, who they are; raises LinkClosed."""
         self._require_open()
-        return tuple(self._check(device) for device in self._devices)
+        return tuple(
+            status_of(device, self.name, partial(self._identify, device))
+            for device in self._devices
+        )
 
     def start(self, sample_hz: float) -> None:
         """Begin to poll; raises LinkClosed."""
         self._require_open()
         with self._turn:
             self._schedule = Schedule(sample_hz, self._clock.now_ns())
-
-    def pump(self, timeout_s: float) -> Sequence[Event]:
-        """Poll if it is time, else wait for the time; raises LinkClosed."""
-        self._require_open()
-        with self._turn:
-            self._serve(timeout_s)
-            events = list(self._pending)
-            self._pending.clear()
-        return events
 
     def losses(self) -> Mapping[str, Losses]:
         """Losses of each channel, in step with the readings that `pump` has returned."""
@@ -148,14 +122,10 @@ class ModbusLink:
     def stop(self) -> None:
         """End polling."""
         with self._turn:
-            self._schedule = None
+            self._end_sampling()
 
-    def close(self) -> None:
-        """Let the port go."""
-        self._closing.set()
-        with self._turn:
-            self._schedule = None
-            self._line.close()
+    def _end_sampling(self) -> None:
+        self._schedule = None
 
     def _serve(self, timeout_s: float) -> None:
         now_ns = self._clock.now_ns()
@@ -195,13 +165,20 @@ class ModbusLink:
             kind = FaultKind.SILENT if isinstance(error, DeviceSilent) else FaultKind.REFUSED
             if device.name not in self._failing:
                 self._failing.add(device.name)
-                self._fault(device.name, kind, f"{device.name}: {error}")
+                self.fault(self._clock.now_ns(), device.name, kind, f"{device.name}: {error}")
         except Malformed as error:
-            self._fault(device.name, FaultKind.MALFORMED, f"{device.name}: {error}")
+            self.fault(
+                self._clock.now_ns(), device.name, FaultKind.MALFORMED, f"{device.name}: {error}"
+            )
         else:
             if device.name in self._failing:
                 self._failing.discard(device.name)
-                self._fault(device.name, FaultKind.ANSWERING, f"{device.name} answers again")
+                self.fault(
+                    self._clock.now_ns(),
+                    device.name,
+                    FaultKind.ANSWERING,
+                    f"{device.name} answers again",
+                )
             self._pending.extend(readings)
             for reading in readings[:1]:
                 trips = self._round_trips[device.name]
@@ -210,40 +187,18 @@ class ModbusLink:
             tally.give_up()
         if self._line.late > self._late:
             text = f"{device.name}: a reply came after its request was given up; it was discarded"
-            self._fault(device.name, FaultKind.LATE, text)
+            self.fault(self._clock.now_ns(), device.name, FaultKind.LATE, text)
             self._late = self._line.late
         if self._line.foreign > self._foreign:
             text = f"a reply of another unit came to a request to {device.name}; it was passed over"
-            self._fault(self.name, FaultKind.FOREIGN, text)
+            self.fault(self._clock.now_ns(), self.name, FaultKind.FOREIGN, text)
             self._foreign = self._line.foreign
         self._babble.hear(self._line.noise - self._noise)
         self._noise = self._line.noise
 
-    def _fault(self, source: str, kind: FaultKind, text: str) -> None:
-        self._pending.extend(self._throttle.offer(Fault(self._clock.now_ns(), source, kind, text)))
-
-    def _check(self, device: PolledDevice) -> DeviceStatus:
-        channels = tuple(device.tallies)
-        try:
-            with self._turn:
-                identity = device.identify(self._line)
-        except DriverError as error:
-            return DeviceStatus(
-                device.name, device.driver, self.name, channels, answers=False, problem=str(error)
-            )
-        return DeviceStatus(
-            name=device.name,
-            driver=device.driver,
-            port=self.name,
-            channels=channels,
-            answers=True,
-            identity=identity,
-            virtual=identity.startswith(VIRTUAL_PREFIX),
-        )
-
-    def _require_open(self) -> None:
-        if self._closing.is_set():
-            raise LinkClosed(f"port '{self.name}' is not open; call open() first")
+    def _identify(self, device: PolledDevice) -> Identity:
+        with self._turn:
+            return device.identify(self._line)
 
 
 def _ask(tally: Tally, instants: int, *, failing: bool) -> None:

@@ -9,21 +9,18 @@ When the port goes away, it is opened again after growing delays (0.25 s to 4 s)
 
 from __future__ import annotations
 
-import threading
 import time
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
 from drivers.errors import LinkBroken, LinkClosed, OptionError
-from drivers.faults import FaultThrottle
 from drivers.link import Clock, DeviceStatus, JointDrive, Losses
-from drivers.outage import LONGEST_WAIT_S, Outage
+from drivers.outage import LONGEST_WAIT_S
+from drivers.port_link import PortLink
 from drivers.ports import open_error
 from drivers.schedule import SECOND
 from drivers.serial_blocks import SerialBlocks, open_blocks
 from drivers.stream.decoder import Sample
 from drivers.stream.sensor import StreamSensor
-from recordings.events import Event, Fault
 from recordings.faults import FaultKind
 from recordings.rig import SerialPort
 
@@ -86,7 +83,7 @@ class _Port:
         return LinkBroken(f"port '{self._port.name}' at '{self._port.path}' is gone: {error}")
 
 
-class StreamLink:
+class StreamLink(PortLink):
     """The one streaming sensor of a serial port. See `drivers.link.Link`.
 
     Raises:
@@ -103,25 +100,11 @@ class StreamLink:
         if len(devices) != 1:
             names = " and ".join(f"'{device.name}'" for device in devices)
             raise OptionError(f"{names} both stream on port '{port.name}'; a stream has one sender")
-        self.name = port.name
         self.joints: Mapping[str, JointDrive] = {}
         self._sensor = devices[0]
-        self._port = _Port(port, self._sensor, connect)
-        self._clock = clock
-        self._turn = threading.Lock()
-        self._closing = threading.Event()
-        self._closing.set()
-        self._outage = Outage(port.name, self._port, (), clock, self._closing)
-        self._pending: deque[Event] = deque()
-        self._throttle = FaultThrottle()
+        self._port: _Port = _Port(port, self._sensor, connect)
+        super().__init__(port.name, self._port, clock)
         self._sampling = False
-
-    def open(self) -> None:
-        """Open the port; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
-        with self._turn:
-            self._port.open()
-            self._outage.end()
-            self._closing.clear()
 
     def check(self) -> tuple[DeviceStatus, ...]:
         """Start the sensor and wait for a sample; raises LinkClosed."""
@@ -147,15 +130,6 @@ class StreamLink:
             self._sensor.start(self._clock.now_ns())
             self._sampling = True
 
-    def pump(self, timeout_s: float) -> Sequence[Event]:
-        """Take what has come; raises LinkClosed."""
-        self._require_open()
-        with self._turn:
-            self._serve(timeout_s)
-            events = list(self._pending)
-            self._pending.clear()
-        return events
-
     def losses(self) -> Mapping[str, Losses]:
         """Losses of each channel, in step with the readings that `pump` has returned."""
         with self._turn:
@@ -174,12 +148,8 @@ class StreamLink:
                 except LinkBroken as error:
                     self._pending.append(self._outage.begin(error, sampling=False))
 
-    def close(self) -> None:
-        """Let the port go."""
-        self._closing.set()
-        with self._turn:
-            self._sampling = False
-            self._port.close()
+    def _end_sampling(self) -> None:
+        self._sampling = False
 
     def _serve(self, timeout_s: float) -> None:
         now_ns = self._clock.now_ns()
@@ -202,8 +172,7 @@ class StreamLink:
     def _take(self, item: Sample | str, time_ns: int) -> None:
         if isinstance(item, str):
             name = self._sensor.name
-            fault = Fault(time_ns, name, FaultKind.MALFORMED, f"{name}: {item}")
-            self._pending.extend(self._throttle.offer(fault))
+            self.fault(time_ns, name, FaultKind.MALFORMED, f"{name}: {item}")
         elif self._sampling:
             self._pending.extend(self._sensor.readings(item, time_ns))
 
@@ -238,7 +207,3 @@ class StreamLink:
             f"{self._sensor.name} sent no valid sample within {timeout_s:g} s ({what}); check its "
             f"baud rate, wiring, power, and that the format in the rig is its own"
         )
-
-    def _require_open(self) -> None:
-        if self._closing.is_set():
-            raise LinkClosed(f"port '{self.name}' is not open; call open() first")
