@@ -16,10 +16,12 @@ import os
 import select
 import termios
 import tty
+from functools import partial
 from pathlib import Path
 
 from sim_devices.errors import PortTaken, PortUnavailable
 from sim_devices.line import Line
+from sim_devices.outbox import Outbox
 
 READ_SIZE = 65_536
 MOST_WAITING = 16_384
@@ -32,7 +34,6 @@ class PtyPort:
     Attributes:
         name: port name of the rig.
         address: path of the link.
-        lost_bytes: bytes thrown away because the host did not read.
     """
 
     polled = False
@@ -40,14 +41,18 @@ class PtyPort:
     def __init__(self, name: str, address: str, line: Line) -> None:
         self.name = name
         self.address = address
-        self.lost_bytes = 0
         self._line = line
         self._path = Path(address)
         self._master: int | None = None
         self._terminal = ""
         self._held = False
-        self._waiting = bytearray()
+        self._outbox = Outbox(line, MOST_WAITING)
         self._poll = select.poll()
+
+    @property
+    def lost_bytes(self) -> int:
+        """Bytes thrown away because the host did not read."""
+        return self._outbox.lost_bytes
 
     def open(self) -> None:
         """Make the terminal and the link; raises PortTaken or PortUnavailable."""
@@ -87,7 +92,7 @@ class PtyPort:
         self._master = None
         if self._held:
             self._held = False
-            self._waiting.clear()
+            self._outbox.clear()
             self._line.hang_up()
 
     def fileno(self) -> int | None:
@@ -133,27 +138,16 @@ class PtyPort:
     def _send(self, data: bytes) -> None:
         if not self._held or self._master is None:
             return
-        if data and len(self._waiting) + len(data) > MOST_WAITING:
-            self.lost_bytes += len(data)
-            self._line.overrun()
-        else:
-            self._waiting += data
-        if not self._waiting:
-            return
         try:
-            sent = os.write(self._master, self._waiting)
-        except BlockingIOError:
-            return
+            self._outbox.send(data, partial(os.write, self._master))
         except OSError as error:
             if error.errno != errno.EIO:
                 raise
             self._hang_up()
-            return
-        del self._waiting[:sent]
 
     def _hang_up(self) -> None:
         self._held = False
-        self._waiting.clear()
+        self._outbox.clear()
         self._line.hang_up()
         # Linux keeps for the next host what the last one did not read; a cable does not.
         slave = os.open(self._terminal, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)

@@ -11,10 +11,10 @@ Fixtures:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import pytest
 
@@ -26,8 +26,11 @@ if TYPE_CHECKING:
     from sim_devices.virtual_time import VirtualClock
 
 
-class StartRig(Protocol):
-    """What `loopcal_rig` gives: a function that starts a bench, which ends with the test."""
+Bench_co = TypeVar("Bench_co", covariant=True)
+
+
+class StartRig(Protocol[Bench_co]):
+    """A function that starts a bench, which ends with the test."""
 
     def __call__(
         self,
@@ -37,7 +40,7 @@ class StartRig(Protocol):
         hide: Sequence[str] = (),
         seed: int = 1,
         plant: Plant | None = None,
-    ) -> RunningBench:
+    ) -> Bench_co:
         """Start the virtual devices of a rig.
 
         Args:
@@ -49,42 +52,18 @@ class StartRig(Protocol):
         """
 
 
-class StartMemoryRig(Protocol):
-    """What `loopcal_memory_rig` gives: the same, in memory."""
-
-    def __call__(
-        self,
-        rig: Rig | str | Path = "arm",
-        *,
-        faults: str = "",
-        hide: Sequence[str] = (),
-        seed: int = 1,
-        plant: Plant | None = None,
-    ) -> MemoryBench:
-        """Start the virtual devices of a rig; the arguments are those of `StartRig`."""
-
-
 @pytest.fixture
-def loopcal_rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StartRig]:
+def loopcal_rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StartRig[RunningBench]]:
     """Starts virtual rigs on pseudo-terminals; they end with the test, and leave nothing behind."""
     from sim_devices.running import running
 
     with ExitStack() as benches:
 
-        def start(
-            rig: Rig | str | Path = "arm",
-            *,
-            faults: str = "",
-            hide: Sequence[str] = (),
-            seed: int = 1,
-            plant: Plant | None = None,
-        ) -> RunningBench:
-            loaded = _load(rig)
-            nature = plant or _nature(loaded, hide, seed)
+        def run(rig: Rig, plant: Plant, faults: str, seed: int) -> RunningBench:
             folder = tmp_path_factory.mktemp("loopcal-ports")
-            return benches.enter_context(running(loaded, nature, folder, faults, seed))
+            return benches.enter_context(running(rig, plant, folder, faults, seed))
 
-        yield start
+        yield _starting(run)
 
 
 @pytest.fixture
@@ -96,7 +75,7 @@ def loopcal_clock() -> VirtualClock:
 
 
 @pytest.fixture
-def loopcal_memory_rig(loopcal_clock: VirtualClock) -> Iterator[StartMemoryRig]:
+def loopcal_memory_rig(loopcal_clock: VirtualClock) -> Iterator[StartRig[MemoryBench]]:
     """Starts virtual rigs in memory, by `loopcal_clock`; until the test ends, all time is virtual.
 
     `time.monotonic` and `time.sleep` go by that clock as long as a rig is running.
@@ -106,21 +85,29 @@ def loopcal_memory_rig(loopcal_clock: VirtualClock) -> Iterator[StartMemoryRig]:
 
     with ExitStack() as benches:
 
-        def start(
-            rig: Rig | str | Path = "arm",
-            *,
-            faults: str = "",
-            hide: Sequence[str] = (),
-            seed: int = 1,
-            plant: Plant | None = None,
-        ) -> MemoryBench:
-            loaded = _load(rig)
-            nature = plant or _nature(loaded, hide, seed)
-            bench = MemoryBench(loaded, nature, loopcal_clock, Injector(loaded, faults), seed)
+        def run(rig: Rig, plant: Plant, faults: str, seed: int) -> MemoryBench:
+            bench = MemoryBench(rig, plant, loopcal_clock, Injector(rig, faults), seed)
             benches.enter_context(bench.running())
             return bench
 
-        yield start
+        yield _starting(run)
+
+
+def _starting(run: Callable[[Rig, Plant, str, int], Bench_co]) -> StartRig[Bench_co]:
+    """Starts benches by ``run``, which gets a rig, its nature, a fault script and a seed."""
+
+    def start(
+        rig: Rig | str | Path = "arm",
+        *,
+        faults: str = "",
+        hide: Sequence[str] = (),
+        seed: int = 1,
+        plant: Plant | None = None,
+    ) -> Bench_co:
+        loaded = _load(rig)
+        return run(loaded, plant or _nature(loaded, hide, seed), faults, seed)
+
+    return start
 
 
 def _load(rig: Rig | str | Path) -> Rig:

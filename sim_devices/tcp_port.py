@@ -16,6 +16,7 @@ import socket
 
 from sim_devices.errors import PortTaken, PortUnavailable
 from sim_devices.line import Line
+from sim_devices.outbox import Outbox
 
 READ_SIZE = 65_536
 LARGEST_NUMBER = 65_535
@@ -34,7 +35,6 @@ class TcpServerPort:
 
     Attributes:
         address: the same, with the port that was taken.
-        lost_bytes: bytes thrown away because the host did not read.
     """
 
     polled = False
@@ -42,12 +42,16 @@ class TcpServerPort:
     def __init__(self, name: str, address: str, line: Line, greeting: bytes = b"") -> None:
         self.name = name
         self.address = address
-        self.lost_bytes = 0
         self._line = line
         self._greeting = greeting
         self._server: socket.socket | None = None
         self._host: socket.socket | None = None
-        self._waiting = bytearray()
+        self._outbox = Outbox(line, MOST_WAITING)
+
+    @property
+    def lost_bytes(self) -> int:
+        """Bytes thrown away because the host did not read."""
+        return self._outbox.lost_bytes
 
     def open(self) -> None:
         """Listen at the address; raises PortTaken or PortUnavailable."""
@@ -116,25 +120,14 @@ class TcpServerPort:
     def _send(self, data: bytes) -> None:
         if self._host is None:
             return
-        if data and len(self._waiting) + len(data) > MOST_WAITING:
-            self.lost_bytes += len(data)
-            self._line.overrun()
-        else:
-            self._waiting += data
-        if not self._waiting:
-            return
         try:
-            sent = self._host.send(self._waiting)
-        except BlockingIOError:
-            return
+            self._outbox.send(data, self._host.send)
         except OSError:
             self._drop_host()
-            return
-        del self._waiting[:sent]
 
     def _drop_host(self) -> None:
         host, self._host = self._host, None
-        self._waiting.clear()
+        self._outbox.clear()
         if host is not None:
             host.close()
             self._line.hang_up()

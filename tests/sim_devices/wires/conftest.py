@@ -13,6 +13,7 @@ import pytest
 
 from recordings.rig import Rig, load_rig, parse_rig, rig_text
 from sim_devices.running import running as run_beside
+from tests.sim_devices.wires.echo import EchoLine
 
 
 @dataclass
@@ -46,6 +47,11 @@ def plant() -> FakePlant:
 @pytest.fixture
 def arm() -> Rig:
     return load_rig("arm")
+
+
+@pytest.fixture
+def line() -> EchoLine:
+    return EchoLine()
 
 
 def rig_in(folder: Path, name: str) -> Rig:

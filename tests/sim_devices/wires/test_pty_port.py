@@ -11,37 +11,11 @@ import pytest
 
 from sim_devices.errors import PortTaken, PortUnavailable
 from sim_devices.pty_port import MOST_WAITING, PtyPort
-
-
-class Echo:
-    """A line that sends back what comes, and remembers what else happened."""
-
-    def __init__(self) -> None:
-        self.hang_ups = 0
-        self.overruns = 0
-        self.due = b""
-
-    def receive(self, data: bytes, time_s: float) -> bytes:
-        return data
-
-    def tick(self, time_s: float) -> bytes:
-        due, self.due = self.due, b""
-        return due
-
-    def hang_up(self) -> None:
-        self.hang_ups += 1
-
-    def overrun(self) -> None:
-        self.overruns += 1
+from tests.sim_devices.wires.echo import EchoLine
 
 
 @pytest.fixture
-def line() -> Echo:
-    return Echo()
-
-
-@pytest.fixture
-def port(tmp_path: Path, line: Echo) -> Iterator[PtyPort]:
+def port(tmp_path: Path, line: EchoLine) -> Iterator[PtyPort]:
     made = PtyPort("wire", str(tmp_path / "wire"), line)
     made.open()
     yield made
@@ -78,7 +52,7 @@ def test_bytes_pass_unchanged_both_ways(port: PtyPort, host) -> None:
     assert arrived(descriptor) == every
 
 
-def test_no_descriptor_without_a_host(port: PtyPort, line: Echo, host) -> None:
+def test_no_descriptor_without_a_host(port: PtyPort, line: EchoLine, host) -> None:
     port.tick(0.0)
     assert port.fileno() is None
     descriptor = host()
@@ -89,7 +63,9 @@ def test_no_descriptor_without_a_host(port: PtyPort, line: Echo, host) -> None:
     assert (port.fileno(), line.hang_ups) == (None, 1)
 
 
-def test_next_host_does_not_get_what_the_last_left_unread(port: PtyPort, line: Echo, host) -> None:
+def test_next_host_does_not_get_what_the_last_left_unread(
+    port: PtyPort, line: EchoLine, host
+) -> None:
     first = host()
     port.tick(0.0)
     line.due = b"stale"
@@ -122,7 +98,7 @@ def test_command_of_a_host_that_has_gone_already_is_obeyed(
     assert port.fileno() is None
 
 
-def test_host_that_does_not_read_loses_whole_messages(port: PtyPort, line: Echo, host) -> None:
+def test_host_that_does_not_read_loses_whole_messages(port: PtyPort, line: EchoLine, host) -> None:
     descriptor = host()
     port.tick(0.0)
     message = b"0123456789abcde\r"
@@ -138,7 +114,7 @@ def test_host_that_does_not_read_loses_whole_messages(port: PtyPort, line: Echo,
     assert got == message * (len(got) // len(message))
 
 
-def test_link_is_made_and_removed(tmp_path: Path, line: Echo) -> None:
+def test_link_is_made_and_removed(tmp_path: Path, line: EchoLine) -> None:
     path = tmp_path / "wire"
     port = PtyPort("wire", str(path), line)
     port.open()
@@ -149,7 +125,7 @@ def test_link_is_made_and_removed(tmp_path: Path, line: Echo) -> None:
     assert not path.is_symlink()
 
 
-def test_dangling_link_is_replaced(tmp_path: Path, line: Echo) -> None:
+def test_dangling_link_is_replaced(tmp_path: Path, line: EchoLine) -> None:
     path = tmp_path / "wire"
     path.symlink_to("/dev/pts/no-such-terminal")
     port = PtyPort("wire", str(path), line)
@@ -159,7 +135,7 @@ def test_dangling_link_is_replaced(tmp_path: Path, line: Echo) -> None:
 
 
 @pytest.mark.parametrize("kind", ["file", "folder", "link"])
-def test_taken_path_is_refused_and_left_alone(tmp_path: Path, line: Echo, kind: str) -> None:
+def test_taken_path_is_refused_and_left_alone(tmp_path: Path, line: EchoLine, kind: str) -> None:
     path = tmp_path / "wire"
     if kind == "file":
         path.write_text("precious")
@@ -181,7 +157,7 @@ def test_link_that_became_anothers_is_left_alone(tmp_path: Path, port: PtyPort) 
     assert path.is_symlink()
 
 
-def test_folder_that_does_not_exist(tmp_path: Path, line: Echo) -> None:
+def test_folder_that_does_not_exist(tmp_path: Path, line: EchoLine) -> None:
     before = len(list(Path("/proc/self/fd").iterdir()))
     with pytest.raises(PortUnavailable, match="No such file or directory"):
         PtyPort("wire", str(tmp_path / "no" / "wire"), line).open()

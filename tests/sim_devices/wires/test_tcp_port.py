@@ -10,39 +10,13 @@ import pytest
 
 from sim_devices.errors import PortTaken, PortUnavailable
 from sim_devices.tcp_port import MOST_WAITING, TcpServerPort
+from tests.sim_devices.wires.echo import EchoLine
 
 pytestmark = pytest.mark.usefixtures("no_leaks")
 
 
-class Echo:
-    """Says back what it hears, counts hang-ups and overruns."""
-
-    def __init__(self) -> None:
-        self.due = b""
-        self.hung_up = 0
-        self.overruns = 0
-
-    def receive(self, data: bytes, time_s: float) -> bytes:
-        return data
-
-    def tick(self, time_s: float) -> bytes:
-        due, self.due = self.due, b""
-        return due
-
-    def hang_up(self) -> None:
-        self.hung_up += 1
-
-    def overrun(self) -> None:
-        self.overruns += 1
-
-
 @pytest.fixture
-def line() -> Echo:
-    return Echo()
-
-
-@pytest.fixture
-def port(line: Echo) -> Iterator[TcpServerPort]:
+def port(line: EchoLine) -> Iterator[TcpServerPort]:
     made = TcpServerPort("wire", "socket://127.0.0.1:0", line, b"hello ")
     made.open()
     yield made
@@ -62,7 +36,7 @@ def await_readable(port: TcpServerPort) -> None:
     assert select.select([descriptor], [], [], 5.0)[0]
 
 
-def test_a_host_is_greeted_and_answered(port: TcpServerPort, line: Echo) -> None:
+def test_a_host_is_greeted_and_answered(port: TcpServerPort, line: EchoLine) -> None:
     with connect(port) as host:
         assert host.recv(100) == b"hello "
         host.sendall(b"abc")
@@ -74,19 +48,21 @@ def test_a_host_is_greeted_and_answered(port: TcpServerPort, line: Echo) -> None
         assert host.recv(100) == b"unasked"
 
 
-def test_the_next_host_is_let_in_when_the_first_hangs_up(port: TcpServerPort, line: Echo) -> None:
+def test_the_next_host_is_let_in_when_the_first_hangs_up(
+    port: TcpServerPort, line: EchoLine
+) -> None:
     with connect(port):
         pass
     await_readable(port)
     port.serve(0.0)
-    assert line.hung_up == 1
+    assert line.hang_ups == 1
     line.due = b"nobody hears this"
     port.tick(0.0)
     with connect(port) as host:
         assert host.recv(100) == b"hello "
 
 
-def test_a_host_that_does_not_read_loses_whole_answers(port: TcpServerPort, line: Echo) -> None:
+def test_a_host_that_does_not_read_loses_whole_answers(port: TcpServerPort, line: EchoLine) -> None:
     with connect(port):
         for _ in range(200):
             line.due = b"x" * MOST_WAITING
@@ -104,7 +80,7 @@ def test_it_comes_back_at_the_same_address(port: TcpServerPort) -> None:
     assert port.address == before
 
 
-def test_an_address_that_is_taken_or_none(port: TcpServerPort, line: Echo) -> None:
+def test_an_address_that_is_taken_or_none(port: TcpServerPort, line: EchoLine) -> None:
     with pytest.raises(PortTaken, match="cannot listen"):
         TcpServerPort("other", port.address, line).open()
     with pytest.raises(PortUnavailable, match="expected HOST:PORT"):
