@@ -20,6 +20,13 @@ from solver.mechanism.model import Model
 
 Array = NDArray[np.float64]
 
+_ON = {
+    "time_s": "the time since the session began, so that any table would hold for one moment only",
+    "approach": "the side from which a position was reached",
+    "rate": "speed",
+    "torque": "load",
+    "force": "load",
+}
 _POINTS = 721  # half a degree apart over a turn
 
 
@@ -72,7 +79,9 @@ def _require_own(site: Site, effect: Effect) -> None:
         shift = effect.seen(probe, start, Circumstances())
         if shift is not None and shift.targets.tolist() == [names.index(effect.where)]:
             return
+    more = [_ON[field] for field in effect.needs if field in _ON]
+    depends = f"it depends on {' and '.join(more)}" if more else "it is not at that channel alone"
     raise NotEnoughData(
-        f"the effect '{effect.label}' cannot be undone by a table for one channel: it depends on more than that "
-        "channel's value. Use the calibrated rig (--rig-out), which describes it."
+        f"the effect '{effect.label}' cannot be undone by a table for one channel: {depends}. "
+        "Use the calibrated rig (--rig-out), which describes it."
     )

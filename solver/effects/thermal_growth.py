@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Self
-
 import numpy as np
 
-from recordings.rig import DescribedEffect, SerialMechanism
-from solver.effects.effect import Array, Coefficient, Effect, Shift, Site
+from recordings.rig import SerialMechanism
+from solver.effects.effect import Array, Coefficient, Shift, Site
+from solver.effects.warm_up import WarmUp
 from solver.mechanism.circumstances import Circumstances
 
 _WHERE = "links"
 
 
-class ThermalGrowth(Effect):
-    """Lengths of the arm behind its base, or of a platform's points, are 1 + rate t times what they were."""
+class ThermalGrowth(WarmUp):
+    """Lengths of the arm behind its base, or of a platform's points, are 1 + rate c(t) times what they were.
+
+    c is that of `warm_up`.
+    """
 
     name = "thermal-growth"
-    needs = ("time_s",)
 
-    def __init__(self, site: Site, where: str) -> None:
-        super().__init__(site, where)
+    def __init__(self, site: Site, where: str, decay: float | None = None) -> None:
+        super().__init__(site, where, decay)
         names = _lengths(site)
         self._targets = np.array([site.parameter(name) for name in names], dtype=np.intp)
 
@@ -28,31 +29,18 @@ class ThermalGrowth(Effect):
     def places(cls, site: Site) -> tuple[str, ...]:
         return (_WHERE,) if _lengths(site) else ()
 
-    @classmethod
-    def untestable(cls, site: Site, where: str, at: Circumstances) -> str | None:
-        if at.time_s is None:
-            return "nobody knows when the poses were read"
-        return None if np.ptp(at.time_s) else "all poses were read at one time"
-
-    @classmethod
-    def read(cls, site: Site, described: DescribedEffect) -> Self:
-        cls.checked(site, described)
-        return cls(site, described.where).fitting(described)
-
     @property
-    def coefficients(self) -> tuple[Coefficient, ...]:
-        return (Coefficient("rate", "rate", 1e-5),)
+    def rate(self) -> Coefficient:
+        return Coefficient("rate", "rate", 1e-5)
 
     def moved(self, coefficients: Array, at: Circumstances, poses: int) -> Shift | None:
-        since = at.running_s
-        if since is None:
+        moved = self.moved_by(coefficients, at)
+        if moved is None:
             return None
-        growing = np.tile(since[:, None], len(self._targets))
-        amount = coefficients[0] * growing
-        return Shift(self._targets, amount, growing[:, :, None], relative=True)
-
-    def size(self, coefficients: Array, values: Array, at: Circumstances) -> float:
-        return float(coefficients[0])
+        lengths = len(self._targets)
+        amount = np.tile(moved[0][:, None], lengths)
+        by = np.tile(moved[1][:, None, :], (1, lengths, 1))
+        return Shift(self._targets, amount, by, relative=True)
 
 
 def _lengths(site: Site) -> tuple[str, ...]:

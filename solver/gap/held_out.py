@@ -145,7 +145,7 @@ def _grown(base: Fit, named: Sequence[Effect], rng: np.random.Generator, limits:
         effect = settings.get(form.effect.label, form.effect)
         start = np.array([c.start for c in effect.coefficients])
         if not form.whole and effect is form.effect:
-            start = np.linalg.lstsq(form.trace, now.stacked, rcond=1e-6)[0]
+            start = start + np.linalg.lstsq(form.trace, now.stacked, rcond=1e-6)[0]
         more = extended(now, effect, start)
         if more is None:
             break

@@ -40,11 +40,12 @@ def limits(look: Look) -> tuple[Limit, ...]:
         strength = reach
         for _ in range(50):
             strength = reach - k + z * np.sqrt(2.0 * (k + 2.0 * max(strength, 0.0)))
-        direction = _typical(form.trace, form.effect.coefficients)
+        direction = _typical(form.trace, form.effect.coefficients, k)
         length = float(np.linalg.norm(form.trace @ direction)) / np.sqrt(noise)
         if length <= 0:
             continue
-        coefficients = direction * np.sqrt(max(strength, 0.0)) / length
+        start = np.array([c.start for c in form.effect.coefficients])
+        coefficients = start + direction * np.sqrt(max(strength, 0.0)) / length
         size = form.effect.size(coefficients, fit.values, fit.at)
         out.append(
             Limit(
@@ -57,8 +58,8 @@ def limits(look: Look) -> tuple[Limit, ...]:
     return tuple(out)
 
 
-def _typical(trace: Array, coefficients: Sequence[Coefficient]) -> Array:
-    """The direction in plausible units along which the trace is of middling length."""
+def _typical(trace: Array, coefficients: Sequence[Coefficient], width: int) -> Array:
+    """The direction in plausible units along which the trace is of middling length, of the ``width`` longest."""
     plausible = np.array([c.plausible for c in coefficients])
     _, _, right = np.linalg.svd(trace * plausible, full_matrices=False)
-    return np.asarray(plausible * right[len(right) // 2])
+    return np.asarray(plausible * right[width // 2])

@@ -48,7 +48,7 @@ class Screen:
         scores: of all forms.
         best_form: (N,) index of each candidate's form of greatest evidence.
         log_p: (N,) of each candidate, its forms paid for.
-        log_evidence: (N,) of each candidate, its forms sharing it.
+        log_evidence: (N,) of each candidate, its forms sharing it (`_believed`).
         threshold: what noise alone reaches.
     """
 
@@ -97,6 +97,17 @@ def threshold(
     return Threshold(dict(zip(labels, worth.tolist(), strict=True)), paid)
 
 
+def _believed(mine: Sequence[Form]) -> Array:
+    """(V,) log of the share that each form of one candidate has of its evidence, before anything was seen.
+
+    Forms of as many coefficients share alike, and so does each number of coefficients: that there are
+    several straight lines that bend does not make a bent one likelier than a straight one.
+    """
+    sizes = np.array([len(form.effect.coefficients) for form in mine])
+    alike = (sizes[:, None] == sizes).sum(axis=1)
+    return np.asarray(-np.log(alike * len(np.unique(sizes))))
+
+
 def _paid(log_p: Array, worth: Array) -> Array:
     """Log of 1 - (1 - p)^w, which is w p far in the tail."""
     p = np.exp(np.maximum(log_p, -700.0))
@@ -114,8 +125,9 @@ def screen(fit: Fit, tested: Sequence[Form], labels: Sequence[str], limits: Thre
     for i in range(count):
         mine = np.flatnonzero(owner == i)
         if len(mine):
-            best[i] = mine[int(np.argmax(found.log_evidence[mine]))]
+            each = found.log_evidence[mine] + _believed([tested[form] for form in mine.tolist()])
+            best[i] = mine[int(np.argmax(each))]
             log_p[i] = found.log_p[mine].min()
-            evidence[i] = log_sum(found.log_evidence[mine]) - np.log(len(mine))
+            evidence[i] = log_sum(each)
     worth = np.array([limits.forms_worth.get(label, 1.0) for label in labels])
     return Screen(found, best, _paid(log_p, worth), evidence, limits)

@@ -303,7 +303,7 @@ def _refitted(now: Look, candidate: int) -> Fit | None:
     shape = form.effect.coefficients
     start = np.array([c.start for c in shape])
     if not form.whole:
-        start = np.linalg.lstsq(form.trace, now.fit.stacked, rcond=1e-6)[0]
+        start = start + np.linalg.lstsq(form.trace, now.fit.stacked, rcond=1e-6)[0]
     bounds = np.array([[c.low, c.high] for c in shape]).reshape(len(shape), 2)
     fit = extended(now.fit, form.effect, np.clip(start, bounds[:, 0], bounds[:, 1]))
     if fit is None or _unphysical(fit) or _implausible(fit):

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from recordings.rig import DescribedEffect
 from recordings.rig.quantity import SHOWN
 from solver.gap.result import Gap, Limit, MissingEffect, Rival, Verdict
 from solver.report.notation import decimals_for, figures, fine_unit, fixed, unit_for
@@ -32,6 +33,7 @@ _PHRASES = {
     "axis-offset": "offset of the axes or ends at {}",
     "thermal-growth": "thermal growth of the {}",
 }
+_ROUGH = 0.3  # of a time constant: a larger standard error is not told, but few digits are
 _SHAPES = frozenset({"nonlinearity", "eccentricity", "cyclic-error"})  # told by their RMS
 _DIMENSIONS = {unit: dimension for dimension, (unit, _) in SHOWN.items()}
 
@@ -69,9 +71,29 @@ def amount(size: float, unit: str, error: float | None = None) -> str:
 
 
 def sized(effect: MissingEffect | Rival) -> str:
-    """How big an effect is, with its standard error."""
+    """How big an effect is, with its standard error, and of what is named its form: when, how often, how slowly."""
     told = amount(effect.size, effect.unit, effect.standard_error)
-    return f"{told} RMS" if effect.name in _SHAPES else told
+    if effect.name in _SHAPES:
+        told = f"{told} RMS"
+    return told if isinstance(effect, Rival) else f"{told}{_form(effect.entry)}"
+
+
+def _form(entry: DescribedEffect) -> str:
+    """What the entry of a rig says beside a size, in words that follow the size."""
+    values = entry.values
+    if "decay" in values and values["decay"].nominal > 0:
+        time_s = 1.0 / values["decay"].nominal
+        error = (values["decay"].uncertainty or 0.0) * time_s**2
+        told = f"about {figures(time_s, 2)} s"
+        if 0.0 < error < _ROUGH * time_s:
+            digits = decimals_for(error)
+            told = f"{fixed(time_s, digits)} ± {fixed(error, digits)} s"
+        return f" on average, slowing down with a time constant of {told}"
+    if "at" in values:
+        return f", {figures(values['at'].nominal)} s after the beginning"
+    if "harmonic" in values:
+        return f", {figures(values['harmonic'].nominal)} periods a turn"
+    return ""
 
 
 def headline(gap: Gap) -> str:

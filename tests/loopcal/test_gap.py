@@ -106,6 +106,32 @@ def test_the_grown_rig_can_be_recorded_and_solved(loopcal: Run, analysed: Path) 
     assert abs(told.nominal) > 5 * p2["standard_error"]
 
 
+def test_a_drift_that_slows_down_is_told_with_its_time_constant_and_recorded_again(
+    loopcal: Run, tmp_path: Path
+) -> None:
+    # Nature lets this zero warm up with 95 s, of which a straight line is no part.
+    rig, hidden = tmp_path / "grown.toml", ["--seed", "5", "--hide", "offset-drift@d2=-8e-6"]
+    file = simulated(tmp_path / "warming.mcap", "--poses", "60", *hidden)
+    outcome = loopcal("gap", file, "--rig-out", rig)
+    said = " ".join(outcome.stdout.split())
+    assert said.startswith("Missing: drift of the zero of d2, -0.00"), said
+    assert "mm/s on average, slowing down with a time constant of " in said
+    (effect,) = parse_rig(rig.read_text(), "grown").effects
+    decay = effect.values["decay"]
+    assert decay.nominal > 4 * decay.uncertainty
+    again, result = tmp_path / "again.mcap", tmp_path / "again.json"
+    assert loopcal("simulate", rig, "-o", again, "--seed", "5").exit_code == 0
+    assert loopcal("solve", again, "--json", result).exit_code == 0
+    told = {p["name"]: p for p in json.loads(result.read_text())["parameters"]}
+    for name, quantity in effect.values.items():
+        found = told[f"offset-drift@d2.{name}"]
+        spread = np.hypot(quantity.uncertainty, found["standard_error"])
+        assert abs(found["value"] - quantity.nominal) < 4 * spread
+    outcome = loopcal("apply", result, again, "--corrections", tmp_path / "c.json")
+    refused(outcome, "offset-drift@d2", "time since the session began", "one moment only")
+    assert not (tmp_path / "c.json").exists()
+
+
 def test_a_grown_rig_is_never_written_over_a_file(loopcal: Run, analysed: Path) -> None:
     before = (analysed / "grown.toml").read_bytes()
     outcome = loopcal("gap", analysed / "bent.mcap", "--rig-out", analysed / "grown.toml")

@@ -1,8 +1,8 @@
 """``offset-drift``: the zero of a channel moves as the session goes on.
 
 Hidden, it creeps evenly or saturates as electronics warm up (`warm_up.Creep`). Size: the slope of
-its best straight line over the plan's stops [deg/s or m/s]. Described, it is rate times time. A
-drive does not follow the drift of its own sensor: it stands where it stood, and the readings move.
+its best straight line over the plan's stops [deg/s or m/s]. Described, it is rate times time, or fades
+with a ``decay``. A drive does not follow the drift of its own sensor: it stands where it stood, and the readings move.
 """
 
 from __future__ import annotations
@@ -57,11 +57,11 @@ class OffsetDrift(Effect):
     def described(cls, effect: DescribedEffect, rig: Rig, values: Mapping[str, float]) -> Self:
         check_place(effect, cls.places(rig))
         angular = channel_dimension(rig, effect.where) == "angle"
-        rate = read_values(effect, values, {"rate": "angular speed" if angular else "speed"})[
-            "rate"
-        ]
+        speed = "angular speed" if angular else "speed"
+        told = read_values(effect, values, {"rate": speed, "decay": "rate"})
         unit, to_si = per_second(rig, effect.where)
-        return cls(effect.where, rate / to_si, unit, rate, Creep())
+        creep = Creep.fading(told["decay"])
+        return cls(effect.where, told["rate"] / to_si, unit, told["rate"], creep)
 
     def seen(self, channel: str, value: Array, course: Course) -> Array:
         if channel != self.where:

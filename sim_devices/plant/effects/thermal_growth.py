@@ -3,7 +3,8 @@
 Of a chain: every length behind its base (not that of a slide's travel); of a platform: the
 coordinates of all points, while the sensors keep their scale. Hidden, the growth is even or
 saturates as the machine warms up (`warm_up.Creep`). Size: the slope of its best straight line
-over the plan's stops, in parts of the length a second. Described, it is rate times time.
+over the plan's stops, in parts of the length a second. Described, it is rate times time, or fades with a
+``decay``.
 """
 
 from __future__ import annotations
@@ -57,7 +58,8 @@ class ThermalGrowth(Effect):
     @classmethod
     def described(cls, effect: DescribedEffect, rig: Rig, values: Mapping[str, float]) -> Self:
         check_place(effect, cls.places(rig))
-        return cls(read_values(effect, values, {"rate": "rate"})["rate"], Creep(), _first(rig))
+        told = read_values(effect, values, {"rate": "rate", "decay": "rate"})
+        return cls(told["rate"], Creep.fading(told["decay"]), _first(rig))
 
     def geometry(self, geometry: Geometry, time_s: Array, coordinates: Array) -> Geometry:
         grown = (self.size * self._creep.at(time_s))[:, None]

@@ -2,8 +2,8 @@
 
     linear  c(t) = t          warming  c(t) ~ 1 - exp(-t / tau)
 
-each so scaled that its best straight line over the plan's stops has the slope 1 [s per s]: a
-rate times c is what has crept by.
+Hidden, each is so scaled that its best straight line over the plan's stops has the slope 1 [s per s];
+described, so that it begins with that slope. A rate times c is what has crept by.
 """
 
 from __future__ import annotations
@@ -39,6 +39,11 @@ class Creep:
             return cls()
         rise = slope(rests.time_s, -np.expm1(-rests.time_s / constant))
         return cls(constant, 1.0 / rise) if rise > 0.0 else cls()
+
+    @classmethod
+    def fading(cls, decay: float) -> Self:
+        """That begins with the slope 1 and slows down with the time constant 1 / ``decay``; 0 is linear."""
+        return cls(1.0 / decay, 1.0 / decay) if decay else cls()
 
     def at(self, time_s: Array) -> Array:
         """(n,) what a rate is multiplied with at times (n,) [s]."""

@@ -21,6 +21,7 @@ NOTHING = {
         ("cyclic-error", "q2", {"cos_deg": 0, "harmonic": 8}),
         ("backlash", "q7", {"gap_deg": 0}),
         ("offset-drift", "q4", {"rate_deg_per_s": 0}),
+        ("offset-drift", "q4", {"rate_deg_per_s": 0, "decay_per_s": 0.01}),
         ("offset-jump", "q1", {"step_deg": 0, "at_s": 5}),
         ("lag", "q3", {"delay_s": 0}),
         ("crosstalk", "q7<-q6", {"ratio": 0}),
@@ -30,7 +31,7 @@ NOTHING = {
         ("fixture-slip", "fixture", {"x_m": 0, "rz_deg": 0, "at_s": 5}),
         ("link-geometry", "joint3.s", {"change_m": 0}),
         ("axis-offset", "joint2", {"offset_m": 0}),
-        ("thermal-growth", "links", {"rate_per_s": 0}),
+        ("thermal-growth", "links", {"rate_per_s": 0, "decay_per_s": 0.01}),
     ],
     "shoulder": [
         ("nonlinearity", "d2", {"p2_m": 0, "low_m": 0.05, "high_m": 0.15}),
@@ -124,6 +125,11 @@ FORMULAS = [
         0.003 * np.cos(5 * VALUE) + 0.002 * np.sin(5 * VALUE),
     ),
     ("offset-drift", {"rate_deg_per_s": 0.01}, 0.01 * DEG * TIME_S),
+    (
+        "offset-drift",
+        {"rate_deg_per_s": 0.01, "decay_per_s": 0.125},
+        0.08 * DEG * (1 - np.exp(-TIME_S / 8.0)),
+    ),
     ("offset-jump", {"step_deg": -0.2, "at_s": 12.0}, -0.2 * DEG * (TIME_S >= 12.0)),
     ("lag", {"delay_s": 0.03}, -0.03 * RATE),
 ]

@@ -45,6 +45,14 @@ CASES: list[tuple[str, str, str, Given, Given]] = [
     ("arm", "link-geometry", "joint3.s", {"change": (2e-3, L)}, {}),
     ("arm", "axis-offset", "joint4", {"offset": (1e-3, L)}, {}),
     ("arm", "thermal-growth", "links", {"rate": (1e-5, "rate")}, {}),
+    ("arm", "thermal-growth", "links", {"rate": (2e-5, "rate"), "decay": (0.02, "rate")}, {}),
+    (
+        "shoulder",
+        "offset-drift",
+        "d2",
+        {"rate": (-2e-5, "speed"), "decay": (0.01, "rate")},
+        {},
+    ),
 ]
 
 

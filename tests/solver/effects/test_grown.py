@@ -50,7 +50,7 @@ def every_effect(site: Site, values: Array, at: Circumstances) -> list[Effect]:
         variant
         for kind in effect_kinds().values()
         for place in kind.places(site)[:3]
-        for variant in kind.variants(site, place, recorded)[:1]
+        for variant in kind.variants(site, place, recorded)[:2]
     ]
 
 

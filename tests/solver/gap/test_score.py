@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from sim_devices.simulate import simulate
 from solver.gap.analysis import first_fit
 from solver.gap.candidates import candidates
 from solver.gap.score import forms, log_f_tail, log_sum
+from solver.gap.screen import Threshold, screen
 from solver.samples import average
 
 
@@ -48,3 +50,21 @@ def test_turns_that_a_ball_does_not_feel_give_a_slip_no_direction(tmp_path: Path
     tested = [c for c in candidates(fit)[0] if c.name == "fixture-slip"]
     assert tested
     assert {form.basis.shape[1] for form in forms(fit, tested)} <= {0, 1, 2, 3}
+
+
+def test_a_warm_up_is_screened_by_its_speed_alone_and_shares_evidence_with_a_line(
+    tmp_path: Path,
+) -> None:
+    text = rig_of("shoulder")
+    simulate(parse_rig(text), text, tmp_path / "s.mcap", seed=4, poses=30)
+    recording = read_recording(tmp_path / "s.mcap")
+    fit = first_fit(recording, average(recording))
+    tested = [c for c in candidates(fit)[0] if c.label == "offset-drift@d1"]
+    found = forms(fit, tested)
+    assert [len(form.effect.coefficients) for form in found] == [1, 2, 2, 2, 2]
+    assert {form.basis.shape[1] for form in found} == {1}
+    # Of forms that explain nothing, the line has half of the evidence, and is what would be named.
+    nothing = [replace(form, basis=form.basis[:, :0]) for form in found]
+    seen = screen(fit, nothing, ["offset-drift@d1"], Threshold({}, np.zeros(1)))
+    assert seen.best_form.tolist() == [0]
+    assert seen.log_evidence[0] == pytest.approx(0.0)
