@@ -7,33 +7,32 @@ the solver said). A case is done when it is in the first, and in the second unle
 from __future__ import annotations
 
 import json
-import multiprocessing
-import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
 from loopcal.blind.answering import Answer, answer
 from loopcal.blind.grid import Case
 from loopcal.blind.making import left_out, make
+from loopcal.blind.workers import parallel, sigterm_raised
 from sim_devices.errors import SimDevicesError
 from solver.errors import SolverError
 
 SEALED = "sealed.jsonl"
 ANSWERS = "answers.jsonl"
 
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-_AHEAD = 2
-"""Cases a process has waiting: few, so that an interrupted run loses little."""
+Played = tuple[dict[str, Any], Answer | None]
+"""What is sealed of a case, and the answer unless the case was left out."""
 
 
-def play(case: Case) -> tuple[dict[str, Any], Answer | None]:
-    """Make one case and analyse it: what is sealed, and the answer unless the case was left out."""
-    with tempfile.TemporaryDirectory() as folder:
+def play(scratch: Path, case: Case) -> Played:
+    """Make one case and analyse it, its recording in a folder of its own in ``scratch``."""
+    with tempfile.TemporaryDirectory(dir=scratch) as folder:
         recording = Path(folder) / "recording.mcap"
         begin = time.process_time()
         try:
@@ -50,14 +49,18 @@ def run(
     *,
     jobs: int,
     progress: Callable[[int, int], None] = lambda done, of: None,
+    play: Callable[[Path, Case], Played] = play,
 ) -> None:
     """Play all of ``cases`` that ``folder`` does not have yet.
+
+    An interrupt or SIGTERM ends it, its processes too; what they were at is played again when it goes on.
 
     Args:
         cases: to be played.
         folder: of the results; created where there is none.
         jobs: processes; 1 plays them in this one.
         progress: is told how many are done, of how many.
+        play: plays one case, with a folder that is gone afterwards; can be pickled where ``jobs`` is not 1.
     """
     folder.mkdir(parents=True, exist_ok=True)
     done = {line["key"] for line in read(folder / SEALED)}
@@ -66,15 +69,29 @@ def run(
     done &= answered | out
     left = [case for case in cases if case.key not in done]
     progress(len(cases) - len(left), len(cases))
-    with _appended(folder / SEALED) as sealed, _appended(folder / ANSWERS) as answers:
-        played = map(_alone, left) if jobs == 1 else _parallel(left, jobs)
-        for number, (case, told, said) in enumerate(played, start=1):
+    with (
+        sigterm_raised(),
+        _appended(folder / SEALED) as sealed,
+        _appended(folder / ANSWERS) as answers,
+        tempfile.TemporaryDirectory() as scratch,
+        closing(_played(partial(play, Path(scratch)), left, jobs)) as played,
+    ):
+        for number, (case, (told, said)) in enumerate(played, start=1):
             if said is not None:
                 answers.write(json.dumps({"key": case.key, **said}) + "\n")
                 answers.flush()
             sealed.write(json.dumps(told) + "\n")
             sealed.flush()
             progress(len(cases) - len(left) + number, len(cases))
+
+
+def _played(
+    play: Callable[[Case], Played], cases: Sequence[Case], jobs: int
+) -> Generator[tuple[Case, Played], None, None]:
+    if jobs == 1:
+        yield from ((case, play(case)) for case in cases)
+    else:
+        yield from parallel(play, cases, jobs)
 
 
 def read(path: Path) -> list[dict[str, Any]]:
@@ -98,37 +115,3 @@ def _appended(path: Path) -> TextIO:
     if not whole:
         file.write("\n")
     return file
-
-
-_Played = tuple[Case, dict[str, Any], Answer | None]
-
-
-def _alone(case: Case) -> _Played:
-    return (case, *play(case))
-
-
-def _parallel(cases: Sequence[Case], jobs: int) -> Iterator[_Played]:
-    """In the order in which they end."""
-    # Each process computes in one thread: several would fight over the same cores.
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    waiting: set[Future[_Played]] = set()
-    try:
-        with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
-            todo = iter(cases)
-            while True:
-                while len(waiting) < _AHEAD * jobs and (case := next(todo, None)) is not None:
-                    waiting.add(pool.submit(_alone, case))
-                if not waiting:
-                    return
-                ended, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                for future in ended:
-                    yield future.result()
-    finally:
-        for future in waiting:
-            future.cancel()
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import shutil
+import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -241,25 +245,24 @@ def test_the_confusion_matrix_tells_who_is_taken_for_whom() -> None:
     }
 
 
-def test_a_run_that_was_ended_goes_on_where_it_was(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_that_was_ended_goes_on_where_it_was(tmp_path: Path) -> None:
     played: list[str] = []
 
-    def play(case: Case) -> tuple[dict[str, Any], dict[str, Any] | None]:
+    def play(scratch: Path, case: Case) -> tuple[dict[str, Any], dict[str, Any] | None]:
         played.append(case.key)
         left_out = "too weak" if case.kind == "single" else None
         return {"key": case.key, "left_out": left_out}, None if left_out else {"verdict": "named"}
 
-    monkeypatch.setattr(running, "play", play)
     grid = sorted(cases(3, runs=1, mechanisms=("shoulder",)), key=lambda case: case.kind)
     grid = [*grid[:2], *grid[-2:]]
-    running.run(grid[1:3], tmp_path, jobs=1)
+    running.run(grid[1:3], tmp_path, jobs=1, play=play)
     first = (tmp_path / ANSWERS).read_text("utf-8")
     with (tmp_path / SEALED).open("a", encoding="utf-8") as file:
         file.write('{"key": "cut o')
     seen: list[tuple[int, int]] = []
-    running.run(grid, tmp_path, jobs=1, progress=lambda done, of: seen.append((done, of)))
+    running.run(
+        grid, tmp_path, jobs=1, progress=lambda done, of: seen.append((done, of)), play=play
+    )
     assert seen == [(2, 4), (3, 4), (4, 4)]
     assert played == [grid[i].key for i in (1, 2, 0, 3)]
     assert (tmp_path / ANSWERS).read_text("utf-8").startswith(first)
@@ -267,9 +270,59 @@ def test_a_run_that_was_ended_goes_on_where_it_was(
     assert len(read(tmp_path / ANSWERS)) == 2
 
 
-def test_a_case_is_the_same_whenever_it_is_played() -> None:
+ENDED = """
+import sys, threading
+from pathlib import Path
+from loopcal.blind.grid import cases
+from loopcal.blind.run import run
+
+def play(scratch, case):
+    if case.key.endswith("/null/clean/0/0"):
+        return {"key": case.key, "left_out": "too weak"}, None
+    print(f"at work in {scratch}", flush=True)
+    threading.Event().wait()
+
+if __name__ == "__main__":
+    nulls = cases(3, runs=1, mechanisms=("shoulder",), only="null")
+    nulls = sorted(nulls, key=lambda case: case.key != "shoulder/null/clean/0/0")
+    run(nulls, Path(sys.argv[1]), jobs=2, play=play, progress=lambda done, of: print(done, of, flush=True))
+"""
+
+
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_run_that_is_ended_by_a_signal_ends_its_processes(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    script, folder = tmp_path / "ended.py", tmp_path / "blind"
+    script.write_text(ENDED, "utf-8")
+    command = [sys.executable, str(script), str(folder)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as benchmark:
+        assert benchmark.stdout is not None
+        told: list[str] = []
+        while not (sum("at work" in line for line in told) == 2 and "1 25\n" in told):
+            told.append(benchmark.stdout.readline())
+            assert told[-1], told
+        benchmark.send_signal(number)
+        # The output ends when the last process that could write to it has ended.
+        rest, _ = benchmark.communicate(timeout=120)
+    assert rest == ""
+    assert (
+        benchmark.returncode == {signal.SIGTERM: 143, signal.SIGINT: -2, signal.SIGKILL: -9}[number]
+    )
+    scratch = next(Path(line.split()[-1]) for line in told if "at work" in line)
+    assert scratch.exists() == (number == signal.SIGKILL)
+    (line,) = read(folder / SEALED)
+    assert line["key"] == "shoulder/null/clean/0/0"
+    assert (folder / SEALED).read_text("utf-8").endswith("}\n")
+    shutil.rmtree(scratch, ignore_errors=True)
+
+
+def test_a_case_is_the_same_whenever_it_is_played(tmp_path: Path) -> None:
     case = next(c for c in cases(3, runs=1, mechanisms=("shoulder",), only="null"))
-    (sealed, said), (again, same) = running.play(case), running.play(case)
+    (sealed, said), (again, same) = (running.play(tmp_path, case) for _ in range(2))
     assert {**sealed, "seconds": 0.0} == {**again, "seconds": 0.0}
     assert said is not None
     assert same is not None
