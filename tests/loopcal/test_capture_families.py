@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq import CaptureOptions, Ending, HostClock, PlanNotPossible, capture
+from daq import CaptureOptions, CaptureSummary, Ending, HostClock, PlanNotPossible, capture
 from drivers import make_links
 from recordings.events import Mode
 from recordings.reader import read_recording
@@ -220,16 +220,20 @@ def loopcal_sim(rig: Path, ports: Mapping[str, str]) -> Iterator[None]:
             process.terminate()
 
 
-def test_the_arm_driven_by_dbc_beside_canopen_encoders(tmp_path, wires):
+def test_the_arm_driven_by_dbc_beside_canopen_encoders(tmp_path, wires, until_complete):
     more = 'actual_position = "Actual"\ncycle_ms = 300'
     text = arm_with_drives(lambda n: ("dbc-joint", DRIVE_OPTIONS.format(n=n, more=more)))
     rig, text = written(tmp_path, text)
-    clock, path = HostClock(), tmp_path / "session.mcap"
+    clock = HostClock()
     ports = {port.name: str(wires / port.name) for port in rig.ports}
-    with loopcal_sim(tmp_path / "rig.toml", ports):
-        links = make_links(rig, clock, ports)
-        summary = capture(rig, text, path, links=links, clock=clock, arm=lambda joints: True)
-    recording = read_recording(path)
+
+    def session(path: Path) -> CaptureSummary:
+        with loopcal_sim(tmp_path / "rig.toml", ports):
+            links = make_links(rig, clock, ports)
+            return capture(rig, text, path, links=links, clock=clock, arm=lambda joints: True)
+
+    summary = until_complete(session)
+    recording = read_recording(summary.path)
     assert summary.ending is Ending.COMPLETE, (summary.why, summary.faults)
     assert len(summary.dwells) == 4
     assert all(entry.unaccounted == 0 for entry in summary.ledger.values())

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq import Ending, HostClock, NotReady, capture
+from daq import CaptureSummary, Ending, HostClock, NotReady, capture
 from drivers import make_links
 from recordings.reader import read_recording
 from recordings.rig import Rig, load_rig, rig_text, visits
@@ -77,16 +77,19 @@ def assert_timing_is_true(timing: DeviceTiming, rig: str) -> None:
 
 @pytest.mark.wires
 @pytest.mark.parametrize("name", ["arm", "shoulder"])
-def test_a_shortened_plan_is_captured_without_an_unexplained_loss(name, tmp_path):
+def test_a_shortened_plan_is_captured_without_an_unexplained_loss(name, tmp_path, until_complete):
     rig = shortened(load_rig(name))
     ports, clock = ports_in(rig, tmp_path), HostClock()
-    with running(name, ports):
-        links = make_links(rig, clock, ports)
-        path = tmp_path / f"{name}.mcap"
-        summary = capture(rig, rig_text(name)[0], path, links=links, clock=clock)
+
+    def session(path: Path) -> CaptureSummary:
+        with running(name, ports):
+            links = make_links(rig, clock, ports)
+            return capture(rig, rig_text(name)[0], path, links=links, clock=clock)
+
+    summary = until_complete(session)
     assert summary.ending is Ending.COMPLETE, (summary.why, summary.faults)
     assert len(summary.dwells) == len(visits(rig.plan))
-    recording = read_recording(path)
+    recording = read_recording(summary.path)
     for each in summary.timing:
         assert_timing_is_true(each, name)
     for channel in rig.channels:
