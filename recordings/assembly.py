@@ -7,21 +7,28 @@ columns.
 
 from __future__ import annotations
 
+from itertools import groupby
+
 import numpy as np
 
 from recordings import codec, columns, records
-from recordings.chunks import CHANNEL, SCHEMA, Block, Damage
 from recordings.errors import NotARecording
-from recordings.events import Event
+from recordings.events import Event, LedgerEntry
 from recordings.gathering import Gathered
+from recordings.items import Block, Damage
 from recordings.recording import Readings
+from recordings.records import CHANNEL, SCHEMA
 from recordings.window import Records, Window
 
 _UNDECLARED, _FOREIGN, _EVENT, _READING = range(4)
 
 
 class Assembly:
-    """Takes blocks in file order; holds readings and events."""
+    """Takes blocks in file order; holds readings and events.
+
+    Of a ledger it holds the latest entry of each window only: an entry says all that those
+    before it said.
+    """
 
     def __init__(self) -> None:
         self.events: list[Event] = []
@@ -30,7 +37,7 @@ class Assembly:
         self._schemas: dict[int, records.Schema] = {}
         self._channels: dict[int, records.Channel] = {}
         self._topics: dict[int, tuple[codec.Kind, str]] = {}
-        self._sorts = np.zeros(2**16, np.uint8)
+        self._sorts: dict[int, int] = {}
         self._window = Window()
         self._gathered: dict[str, Gathered] = {}
 
@@ -40,7 +47,9 @@ class Assembly:
         Raises:
             NotARecording: a topic of the format carries something else.
         """
-        self._decode(self._window.add(block))
+        taken = self._window.add(block)
+        if taken is not None:
+            self._decode(taken)
 
     def finish(self) -> None:
         """Decode what is still waiting; call it after the last block.
@@ -48,7 +57,9 @@ class Assembly:
         Raises:
             NotARecording: a topic of the format carries something else.
         """
-        self._decode(self._window.rest())
+        taken = self._window.rest()
+        if taken is not None:
+            self._decode(taken)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -100,33 +111,28 @@ class Assembly:
         self._topics[channel.id] = topic
         self._sorts[channel.id] = _READING if kind is codec.READING else _EVENT
 
-    def _decode(self, taken: Records | None) -> None:
-        if taken is None:
-            return
+    def _decode(self, taken: Records) -> None:
         first, data, offsets = taken.offset, taken.data, taken.offsets
         self.damage += taken.damage
         opcodes = np.frombuffer(data, np.uint8)[offsets]
         for at in offsets[(opcodes == SCHEMA) | (opcodes == CHANNEL)].tolist():
             self._define(data, at, first)
-        found = columns.messages(data, offsets)
+        found, channels = columns.messages(data, offsets).by_channel()
         lost = unreadable = 0
         events: list[tuple[int, int, int, int]] = []
-        for channel_id, own in found.by_channel():
-            sort = self._sorts[channel_id]
-            if sort == _UNDECLARED:
-                lost += len(own)
-                continue
-            if np.any(own.time_ns < 0):
-                lost += int(np.sum(own.time_ns < 0))
-                own = own.take(own.time_ns >= 0)
+        for sort, group in groupby(channels, lambda each: self._sorts.get(each[0], _UNDECLARED)):
+            alike = list(group)
             if sort == _READING:
-                _, subject = self._topics[channel_id]
-                part, wrong = columns.decode_readings(own)
+                early, wrong = self._take_readings(found, alike)
+                lost += early
                 unreadable += wrong
-                self._gathered.setdefault(subject, Gathered()).append(part)
             elif sort == _EVENT:
-                where = (own.start, own.start + own.size, own.channel_id, own.time_ns)
-                events += zip(*(column.tolist() for column in where), strict=True)
+                for channel_id, rows in alike:
+                    own, early = self._event_rows(channel_id, found.take(rows))
+                    events += own
+                    lost += early
+            elif sort == _UNDECLARED:
+                lost += sum(rows.stop - rows.start for _, rows in alike)
         if lost:
             text = f"{lost} messages of undeclared channels or impossible times"
             self.damage.append(Damage(first, text))
@@ -134,6 +140,44 @@ class Assembly:
             text = f"{unreadable} readings that cannot be read, or have no 'raw'"
             self.damage.append(Damage(first, text))
         self._decode_events(data, sorted(events), first)
+
+    def _take_readings(
+        self, found: columns.Messages, channels: list[tuple[int, slice]]
+    ) -> tuple[int, int]:
+        """Decode readings of channels that follow each other.
+
+        Returns:
+            How many have impossible times, and how many cannot be read.
+        """
+        first, behind = channels[0][1].start, channels[-1][1].stop
+        alike = columns.decode_alike(found.take(slice(first, behind)))
+        lost = unreadable = 0
+        for channel_id, rows in channels:
+            if alike is not None:
+                part = alike.take(slice(rows.start - first, rows.stop - first))
+            else:
+                part, wrong = columns.decode_readings(found.take(rows))
+                unreadable += wrong
+            early = part.time_ns < 0
+            if early.any():
+                lost += int(early.sum())
+                part = part.take(~early)
+            _, subject = self._topics[channel_id]
+            self._gathered.setdefault(subject, Gathered()).append(part)
+        return lost, unreadable
+
+    def _event_rows(
+        self, channel_id: int, own: columns.Messages
+    ) -> tuple[list[tuple[int, int, int, int]], int]:
+        """Start, end, channel and time of the events of a channel, and how many have impossible times."""
+        time_ns = own.time_ns()
+        kept = np.flatnonzero(time_ns >= 0)
+        early = len(own) - len(kept)
+        if len(kept) and self._topics[channel_id][0].event is LedgerEntry:
+            kept = kept[len(kept) - 1 - np.argmax(time_ns[kept][::-1], keepdims=True)]
+        start, size = own.start[kept], own.size[kept]
+        where = (start, start + size, np.full(len(kept), channel_id), time_ns[kept])
+        return list(zip(*(column.tolist() for column in where), strict=True)), early
 
     def _decode_events(
         self, data: bytes, rows: list[tuple[int, int, int, int]], first: int

@@ -7,8 +7,8 @@ that the result is the same for every way of writing the same messages. Pure.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,8 @@ from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from recordings import messages_pb2
-from recordings.offsets import HEAD_BYTES
-from recordings.wire import FIELDS, HEADER_SIZE, MESSAGE_OPCODE, Layout, layouts_of, unaligned
+from recordings.records import HEAD_BYTES, MESSAGE
+from recordings.wire import FIELDS, HEADER_SIZE, Layout, layouts_of, unaligned
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,60 +27,61 @@ class Messages:
     Attributes:
         data: the block.
         channel_id: (n,) MCAP channel.
-        time_ns: (n,) log_time.
         start: (n,) offset of the payload in ``data``.
         size: (n,) bytes of the payload.
     """
 
     data: bytes
     channel_id: NDArray[np.uint16]
-    time_ns: NDArray[np.int64]
     start: NDArray[np.int64]
     size: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.start)
 
+    def time_ns(self) -> NDArray[np.int64]:
+        """(n,) log_time."""
+        return self._head("<i8", 15)
+
+    def sequence(self) -> NDArray[np.uint32]:
+        """(n,) MCAP sequence number."""
+        return self._head("<u4", 11)
+
+    def _head(self, kind: str, place: int) -> NDArray[Any]:
+        return unaligned(self.data, kind, place)[self.start - HEADER_SIZE]
+
     def take(self, rows: NDArray[Any] | slice) -> Messages:
         """Some of the messages, by index, mask or slice."""
-        return Messages(
-            self.data,
-            self.channel_id[rows],
-            self.time_ns[rows],
-            self.start[rows],
-            self.size[rows],
-        )
+        return Messages(self.data, self.channel_id[rows], self.start[rows], self.size[rows])
 
     def payload(self, row: int) -> bytes:
         """One message's payload."""
         start = int(self.start[row])
         return self.data[start : start + int(self.size[row])]
 
-    def by_channel(self) -> Iterator[tuple[int, Messages]]:
-        """The messages of each MCAP channel, in their order."""
-        for channel_id in np.flatnonzero(np.bincount(self.channel_id)).tolist():
-            yield channel_id, self.take(np.flatnonzero(self.channel_id == channel_id))
+    def by_channel(self) -> tuple[Messages, list[tuple[int, slice]]]:
+        """The messages sorted by MCAP channel, else in their order; each channel, and where its are."""
+        if len(self) == 0:
+            return self, []
+        grouped = self.take(np.argsort(self.channel_id, kind="stable"))
+        ids = grouped.channel_id
+        firsts = [0, *(np.flatnonzero(ids[1:] != ids[:-1]) + 1).tolist(), len(ids)]
+        return grouped, [(int(ids[at]), slice(at, behind)) for at, behind in pairwise(firsts)]
 
 
 def messages(data: bytes, offsets: NDArray[np.int64]) -> Messages:
     """The messages among the records at ``offsets``; those too short to be one are left out."""
-    size = unaligned(data, "<i8", 1)[offsets] - (HEADER_SIZE - HEAD_BYTES)
     opcode = np.frombuffer(data, np.uint8)[offsets]
-    kept = (opcode == MESSAGE_OPCODE) & (size >= 0)
+    size = unaligned(data, "<i8", 1)[offsets] - (HEADER_SIZE - HEAD_BYTES)
+    kept = (opcode == MESSAGE) & (size >= 0)
     if not kept.all():
         offsets, size = offsets[kept], size[kept]
-    return Messages(
-        data=data,
-        channel_id=unaligned(data, "<u2", 9)[offsets],
-        time_ns=unaligned(data, "<i8", 15)[offsets],
-        start=offsets + HEADER_SIZE,
-        size=size,
-    )
+    return Messages(data, unaligned(data, "<u2", 9)[offsets], offsets + HEADER_SIZE, size)
 
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Readings of one channel in the order of the file, columns of equal length.
+    """Readings in the order of the file, columns of equal length.
 
     Attributes:
         time_ns, raw, flags: (n,) log_time, counts, and bits, 0 where a reading has none.
@@ -93,6 +94,16 @@ class Columns:
     sequence: NDArray[np.uint32] | None
     flags: NDArray[np.uint32]
 
+    def take(self, rows: NDArray[Any] | slice) -> Columns:
+        """Some of the readings, by index, mask or slice."""
+        return Columns(
+            time_ns=self.time_ns[rows],
+            raw=self.raw[rows],
+            device_time_ns=None if self.device_time_ns is None else self.device_time_ns[rows],
+            sequence=None if self.sequence is None else self.sequence[rows],
+            flags=self.flags[rows],
+        )
+
 
 def decode_readings(found: Messages) -> tuple[Columns, int]:
     """Decode messages that are all readings of one channel.
@@ -100,27 +111,33 @@ def decode_readings(found: Messages) -> tuple[Columns, int]:
     Returns:
         What the readable ones say, and how many are no readings, or have no raw count.
     """
+    alike = decode_alike(found)
+    return _mixed(found) if alike is None else (alike, 0)
+
+
+def decode_alike(found: Messages) -> Columns | None:
+    """Decode readings, of any channels, that all have the same fields; None where they have not."""
     size = int(found.size[0]) if len(found) else 0
-    if np.all(found.size == size):
-        for layout in layouts_of(size):
-            # Whole records first, one behind the other: their fields are then near each other.
-            span = layout.record.itemsize
-            rows = unaligned(found.data, f"V{span}")[found.start - HEADER_SIZE].view(layout.record)
-            if all(np.all(rows[f"{name}_tag"] == tag) for name, tag in layout.tags):
-                return _alike(found.time_ns, rows, layout), 0
-    return _mixed(found)
+    if not (found.size == size).all():
+        return None
+    for layout in layouts_of(size):
+        # Whole records first, one behind the other: their fields are then near each other.
+        span = layout.record.itemsize
+        rows = unaligned(found.data, f"V{span}")[found.start - HEADER_SIZE].view(layout.record)
+        if all((rows[f"{name}_tag"] == tag).all() for name, tag in layout.tags):
+            return _columns(rows, layout)
+    return None
 
 
-def _alike(time_ns: NDArray[np.int64], rows: NDArray[np.void], layout: Layout) -> Columns:
-    """Readings that have exactly the fields of ``layout``."""
-    values = {name: rows[name].copy() for name in layout.present}
-    flags = values.get("flags")
+def _columns(rows: NDArray[np.void], layout: Layout) -> Columns:
+    """What records of ``layout`` say; views of them."""
+    values = {name: rows[name] for name in layout.present}
     return Columns(
-        time_ns=time_ns,
+        time_ns=rows["log_time"].view(np.int64),
         raw=values["raw"],
         device_time_ns=values.get("device_time_ns"),
         sequence=values.get("sequence"),
-        flags=np.zeros(len(rows), np.uint32) if flags is None else flags,
+        flags=values.get("flags", np.zeros(len(rows), np.uint32)),
     )
 
 
@@ -147,7 +164,7 @@ def _mixed(found: Messages) -> tuple[Columns, int]:
     readable = present["raw"]
     complete = {name: bool(present[name][readable].all()) for name in present}
     return Columns(
-        time_ns=found.time_ns[readable],
+        time_ns=found.time_ns()[readable],
         raw=values["raw"][readable],
         device_time_ns=values["device_time_ns"][readable] if complete["device_time_ns"] else None,
         sequence=values["sequence"][readable] if complete["sequence"] else None,

@@ -37,9 +37,8 @@ from mcap.records import (
 )
 from numpy.typing import NDArray
 
-from recordings.wire import MESSAGE_OPCODE
+from recordings.records import MAGIC, MESSAGE
 
-MAGIC = b"\x89MCAP0\r\n"
 CHUNK_BYTES = 64 * 1024
 """Uncompressed size at which a chunk is closed: small, because a crash takes the open one."""
 
@@ -159,7 +158,7 @@ class Container:
         """
         sequence = self._sequences[channel_id]
         head = _MESSAGE.pack(
-            MESSAGE_OPCODE, len(payload) + 22, channel_id, sequence % 2**32, time_ns, time_ns
+            MESSAGE, len(payload) + 22, channel_id, sequence % 2**32, time_ns, time_ns
         )
         index = self._index_of(channel_id)
         index += _INDEX_ENTRY.pack(time_ns, len(self._chunk))

@@ -16,8 +16,7 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from recordings import codec, records
-from recordings.chunks import CHANNEL, SCHEMA
-from recordings.records import Malformed
+from recordings.records import CHANNEL, SCHEMA, Malformed
 
 
 class Definitions:

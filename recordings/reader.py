@@ -7,20 +7,12 @@ size, compression or field order, with or without a summary.
 
 from __future__ import annotations
 
-import stat
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar
 
 from recordings.assembly import Assembly
-from recordings.chunks import Attachment, Block, Damage, Header, Metadata, scan
-from recordings.errors import (
-    DamagedRecording,
-    HopelessRecording,
-    NotARecording,
-    NothingReadable,
-    RecordingError,
-)
+from recordings.errors import DamagedRecording, HopelessRecording, NotARecording
 from recordings.events import (
     ClockSample,
     Dwell,
@@ -33,13 +25,14 @@ from recordings.events import (
     RoundTrip,
     StateChange,
 )
+from recordings.items import Attachment, Block, Damage, Header, Item, Metadata
 from recordings.joining import joined
 from recordings.part import FIRST_PART, one_byte_off
 from recordings.part_file import PROFILE, RIG_ATTACHMENT
 from recordings.recording import Readings, Recording
-from recordings.records import Malformed
 from recordings.rig import parse_rig
 from recordings.session import METADATA_NAME, Session, from_metadata
+from recordings.source import opened
 
 _E = TypeVar("_E", bound=Event)
 _SHOWN_LINES = 5
@@ -73,21 +66,10 @@ def read_recording(path: str | Path, *, damaged_ok: bool = False) -> Recording:
 
 def _read_file(path: Path) -> Recording:
     """What is left of one file."""
-    try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise NotARecording(f"'{path}' is not a file; expected a recording (MCAP)")
-        with path.open("rb") as file:
-            contents = _Contents(path)
-            for item in scan(file, status.st_size):
-                contents.add(item)
-    except FileNotFoundError as error:
-        raise NotARecording(f"there is no file '{path}'") from error
-    except Malformed as error:
-        what = "is empty" if status.st_size == 0 else f"is not an MCAP file: {error}"
-        raise NothingReadable(f"'{path}' {what}; expected a recording") from error
-    except OSError as error:
-        raise RecordingError(f"cannot read '{path}': {error}") from error
+    contents = _Contents(path)
+    with opened(path) as source:
+        for item in source.items():
+            contents.add(item)
     return contents.recording()
 
 
@@ -102,8 +84,13 @@ class _Contents:
         self._session: Session | None = None
         self._part = FIRST_PART
 
-    def add(self, item: Header | Attachment | Metadata | Block | Damage) -> None:
+    def add(self, item: Item) -> None:
         match item:
+            case Block():
+                try:
+                    self._assembly.add(item)
+                except NotARecording as error:
+                    raise NotARecording(f"'{self._path}': {error}") from error
             case Header(profile, library):
                 if profile != PROFILE and one_byte_off(profile, PROFILE):
                     self._damage.append(Damage(0, f"a header of profile '{profile}'"))
@@ -120,11 +107,6 @@ class _Contents:
                     self._describe(name, pairs)
                 except ValueError as error:
                     self._damage.append(Damage(0, f"metadata '{name}': {error}"))
-            case Block():
-                try:
-                    self._assembly.add(item)
-                except NotARecording as error:
-                    raise NotARecording(f"'{self._path}': {error}") from error
             case Damage():
                 self._damage.append(item)
 

@@ -15,6 +15,17 @@ from dataclasses import dataclass
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
+MAGIC = b"\x89MCAP0\r\n"
+"""How a file begins and ends."""
+
+HEAD_BYTES = 9
+"""Opcode and length, before the content of a record."""
+
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 2, 3, 4, 5, 6, 7
+ATTACHMENT, METADATA, DATA_END = 9, 12, 15
+FIRST_PRIVATE = 0x80
+"""Opcodes; from the last on, records are anybody's."""
+
 MAX_CHUNK_BYTES = 256 * 1024 * 1024
 """Largest uncompressed chunk that is read; writers use 64 KiB to a few MiB."""
 
@@ -22,8 +33,9 @@ MOST_RATIO = 1000
 """Largest ratio of compression that is read of a chunk above 1 MiB; readings reach some tens."""
 
 _ANY_RATIO_BYTES = 1 << 20
+_UNKNOWN = -1  # size of a zstd frame that does not say it
 _PIECE = 1 << 20
-_CHUNK = struct.Struct("<QQQI")
+_CHUNK = struct.Struct("<QQQII")  # up to the name of the compression
 
 
 class Malformed(ValueError):
@@ -76,16 +88,21 @@ class _Fields:
         return int.from_bytes(self.take(size), "little")
 
     def text(self) -> str:
+        return self.letters(self.number(4))
+
+    def letters(self, size: int) -> str:
         try:
-            return self.take(self.number(4)).decode("utf-8")
+            return self.take(size).decode("utf-8")
         except UnicodeDecodeError as error:
             raise Malformed("a text that is not UTF-8") from error
 
     def take(self, size: int) -> bytes:
-        if size > self.left:
+        end = self._at + size
+        if end > len(self._data):
             raise Malformed(f"a field of {size} bytes where {self.left} are left")
-        self._at += size
-        return self._data[self._at - size : self._at]
+        part = self._data[self._at : end]
+        self._at = end
+        return part
 
 
 def parse_header(content: bytes) -> tuple[str, str]:
@@ -156,8 +173,8 @@ def parse_footer(content: bytes) -> tuple[int, int, int]:
 def parse_chunk(content: bytes) -> Chunk:
     """A Chunk record, still compressed."""
     fields = _Fields(content)
-    start_ns, end_ns, size, crc = _CHUNK.unpack(fields.take(_CHUNK.size))
-    compression = fields.text()
+    start_ns, end_ns, size, crc, letters = _CHUNK.unpack(fields.take(_CHUNK.size))
+    compression = fields.letters(letters)
     data = fields.take(fields.number(8))
     if fields.left:
         raise Malformed(f"a chunk with {fields.left} bytes too many")
@@ -194,10 +211,10 @@ def decompress(chunk: Chunk, zstd: zstandard.ZstdDecompressor | None = None) -> 
 def _unzstd(data: bytes, size: int, zstd: zstandard.ZstdDecompressor) -> bytes:
     try:
         # A frame may itself claim any size, and the library would allocate it.
-        claimed = zstandard.get_frame_parameters(data).content_size
+        claimed = zstandard.frame_content_size(data)
         if claimed == size:
             return zstd.decompress(data)
-        if claimed != zstandard.CONTENTSIZE_UNKNOWN:
+        if claimed != _UNKNOWN:
             raise Malformed(f"a chunk of {claimed} bytes that should have {size}")
         with zstd.stream_reader(data) as stream:
             return _collect(stream.read, size)

@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings import columns
-from recordings.chunks import Block, scan
+from recordings.chunks import scan
 from recordings.codec import READING, decode, kind_of_topic
 from recordings.container import Container
 from recordings.definitions import Definitions
 from recordings.errors import DiskFailed, HopelessRecording
+from recordings.items import Block
 from recordings.part import NEXT_METADATA, PART_METADATA
 from recordings.part_file import PROFILE, RIG_ATTACHMENT
 from recordings.rig import parse_rig
@@ -142,14 +143,16 @@ def _copy_records(taken: Records | None, container: Container, definitions: Defi
     if taken is None:
         return 0
     found = columns.messages(taken.data, taken.offsets)
-    kept = found.time_ns >= 0
+    time_ns = found.time_ns()
+    kept = time_ns >= 0
     for channel_id in np.unique(found.channel_id).tolist():
         rows = np.flatnonzero(found.channel_id == channel_id)
         channel = definitions.channels.get(channel_id)
         kept[rows] &= channel is not None and _readable(found.take(rows), channel.topic)
-    copied = found if kept.all() else found.take(kept)
-    start, stop = copied.start - HEADER_SIZE, copied.start + copied.size
-    container.add_copies(taken.data, start, stop, copied.channel_id, copied.time_ns)
+    if not kept.all():
+        found, time_ns = found.take(kept), time_ns[kept]
+    start, stop = found.start - HEADER_SIZE, found.start + found.size
+    container.add_copies(taken.data, start, stop, found.channel_id, time_ns)
     return len(start)
 
 
@@ -162,9 +165,9 @@ def _readable(found: columns.Messages, topic: str) -> NDArray[np.bool_]:
     kind, subject = kind_and_subject
     if kind is READING and columns.decode_readings(found)[1] == 0:
         return readable
-    for row in range(len(found)):
+    for row, time_ns in enumerate(found.time_ns().tolist()):
         try:
-            decode(kind, subject, int(found.time_ns[row]), found.payload(row))
+            decode(kind, subject, time_ns, found.payload(row))
         except ValueError:
             readable[row] = False
     return readable

@@ -6,7 +6,6 @@ read, and the sums over every topic. Holds one window of a file at a time.
 
 from __future__ import annotations
 
-import stat
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,10 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from recordings import codec, columns
-from recordings.chunks import Attachment, Block, Damage, Header, Metadata, scan
-from recordings.container import MAGIC
 from recordings.definitions import Definitions
-from recordings.errors import NotARecording, NothingReadable, RecordingError
+from recordings.errors import NotARecording
 from recordings.events import (
     ClockSample,
     Dwell,
@@ -28,13 +25,13 @@ from recordings.events import (
     RoundTrip,
     StateChange,
 )
+from recordings.items import Attachment, Block, Damage, Header, Metadata
 from recordings.part import FIRST_PART, Part, belongs, one_byte_off
 from recordings.part_file import PROFILE
-from recordings.records import Malformed
 from recordings.session import METADATA_NAME, Session, from_metadata
+from recordings.source import opened
 from recordings.tally import ReadingTally, Tally
 from recordings.window import Records, Window
-from recordings.wire import HEADER_SIZE, unaligned
 
 RECOVERY_METADATA = "loopcal.recovery"
 """Metadata record of a recording that was recovered from a damaged one."""
@@ -100,28 +97,16 @@ class Walk:
         """Walk through one file, the first or the part behind the last; raises as `survey` does."""
         damage: list[Damage] = []
         self._part, self._library, self._checked = FIRST_PART, "", False
-        try:
-            status = path.stat()
-            if not stat.S_ISREG(status.st_mode):
-                raise NotARecording(f"'{path}' is not a file; expected a recording (MCAP)")
-            with path.open("rb") as file:
-                file.seek(max(0, status.st_size - len(MAGIC)))
-                closed = file.read(len(MAGIC)) == MAGIC and status.st_size > 2 * len(MAGIC)
-                for item in scan(file, status.st_size):
-                    damage += self._take(path, item)
-                    self._on_progress(file.tell() / max(1, status.st_size))
-                damage += self._count(path, self._window.rest())
-        except FileNotFoundError as error:
-            raise NotARecording(f"there is no file '{path}'") from error
-        except Malformed as error:
-            what = "is empty" if status.st_size == 0 else f"is not an MCAP file: {error}"
-            raise NothingReadable(f"'{path}' {what}; nothing of a recording is in it") from error
-        except OSError as error:
-            raise RecordingError(f"cannot read '{path}': {error}") from error
+        with opened(path) as source:
+            closed = source.is_closed()
+            for item in source.items():
+                damage += self._take(path, item)
+                self._on_progress(source.share)
+            damage += self._count(path, self._window.rest())
         self.files.append(
             File(
                 path=path,
-                size=status.st_size,
+                size=source.size,
                 part=self._part,
                 closed=closed,
                 library=self._library,
@@ -194,23 +179,25 @@ class Walk:
         self._check_part(path)
         wrong = self.definitions.take(taken.data, taken.offsets)
         damage = [*taken.damage, *(Damage(taken.offset, text) for text in wrong)]
-        found = columns.messages(taken.data, taken.offsets)
-        sequence = unaligned(taken.data, "<u4", 11)[found.start - HEADER_SIZE]
-        for channel_id in np.unique(found.channel_id).tolist():
-            rows = np.flatnonzero((found.channel_id == channel_id) & (found.time_ns >= 0))
+        found, channels = columns.messages(taken.data, taken.offsets).by_channel()
+        for channel_id, rows in channels:
+            own = found.take(rows)
+            time_ns = own.time_ns()
+            if np.any(time_ns < 0):
+                own = own.take(time_ns >= 0)
+                time_ns = own.time_ns()
             channel = self.definitions.channels.get(channel_id)
             if channel is None:
-                self.undeclared += len(rows)
-                text = f"{len(rows)} messages of channel {channel_id}, which is not defined"
+                self.undeclared += len(own)
+                text = f"{len(own)} messages of channel {channel_id}, which is not defined"
                 damage.append(Damage(taken.offset, text))
                 continue
-            tally = self._tally(channel.topic)
-            tally.add(found.time_ns[rows], sequence[rows])
+            self._tally(channel.topic).add(time_ns, own.sequence())
             topic = codec.kind_of_topic(channel.topic)
             if topic is None:
-                self.other += len(rows)
+                self.other += len(own)
             else:
-                damage += self._look(*topic, found.take(rows), taken.offset)
+                damage += self._look(*topic, own, taken.offset)
         return damage
 
     def _tally(self, topic: str) -> Tally:
@@ -242,11 +229,11 @@ class Walk:
             return []
         wrong = []
         # Of a ledger only the last entry counts.
-        first = len(found.start) - 1 if kind.event is LedgerEntry else 0
-        for row in range(first, len(found.start)):
+        first = max(0, len(found) - 1) if kind.event is LedgerEntry else 0
+        time_ns = found.time_ns().tolist()
+        for row in range(first, len(found)):
             try:
-                time_ns = int(found.time_ns[row])
-                self.events.append(codec.decode(kind, subject, time_ns, found.payload(row)))
+                self.events.append(codec.decode(kind, subject, time_ns[row], found.payload(row)))
             except ValueError as error:
                 wrong.append(Damage(offset, str(error)))
         return wrong

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.chunks import Block, Damage
+from recordings.items import Block, Damage
 from recordings.offsets import record_offsets
 
 WINDOW_BYTES = 1024 * 1024

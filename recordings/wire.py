@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import itertools
 import struct
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from recordings.records import MESSAGE
 
 FIELDS: tuple[tuple[str, int, str], ...] = (
     ("raw", 0x09, "<i8"),
@@ -40,7 +41,6 @@ HEADER: tuple[tuple[str, str], ...] = (
 """An MCAP Message record up to its payload."""
 
 HEADER_SIZE = 31
-MESSAGE_OPCODE = 5
 
 _STRUCTS = {
     (device_time, sequence): struct.Struct(
@@ -101,14 +101,22 @@ def layout(present: tuple[str, ...]) -> Layout:
     return Layout(present, size, np.dtype(parts), tuple(tags), values)
 
 
-def layouts_of(payload_size: int) -> Iterator[Layout]:
-    """All layouts with ``raw`` whose payload has ``payload_size`` bytes."""
+def _layouts_with_raw() -> dict[int, tuple[Layout, ...]]:
     optional = tuple(name for name, _, _ in FIELDS[1:])
+    found: dict[int, tuple[Layout, ...]] = {}
     for count in range(len(optional), -1, -1):
         for rest in itertools.combinations(optional, count):
-            found = layout(("raw", *rest))
-            if found.payload_size == payload_size:
-                yield found
+            each = layout(("raw", *rest))
+            found[each.payload_size] = (*found.get(each.payload_size, ()), each)
+    return found
+
+
+_BY_SIZE = _layouts_with_raw()
+
+
+def layouts_of(payload_size: int) -> tuple[Layout, ...]:
+    """All layouts with ``raw`` whose payload has ``payload_size`` bytes."""
+    return _BY_SIZE.get(payload_size, ())
 
 
 def encode_rows(
@@ -127,7 +135,7 @@ def encode_rows(
     shape = layout(tuple(name for name, _, _ in FIELDS if name in columns))
     time_ns = columns["time_ns"]
     rows = np.empty(len(time_ns), shape.record)
-    rows["opcode"] = MESSAGE_OPCODE
+    rows["opcode"] = MESSAGE
     rows["length"] = shape.record.itemsize - 9
     rows["channel_id"] = channel_id
     rows["counter"] = (counter + np.arange(len(rows))) % 2**32

@@ -228,6 +228,10 @@ class SerialMechanism(Described):
 
     Unsensed joints (a hinge in the fixture) are joints of the chain without a channel. The
     arm's base frame lies behind the joint called ``base``, or at the start of the chain.
+
+    ``standing = "gravity-compensated"``: while the arm stands, every joint's drive carries just
+    the weight of what its joint moves, as in hand guiding, and the fixture bears nothing. Else the
+    drives that the session says are holding carry it, and the fixture with them.
     """
 
     family: Literal["serial"]
@@ -237,6 +241,7 @@ class SerialMechanism(Described):
     fixtures: tuple[Fixture, ...] = Field(alias="fixture", default=())
     distances: tuple[Distance, ...] = Field(alias="distance", default=())
     base: str | None = None
+    standing: Literal["on-drives", "gravity-compensated"] = "on-drives"
 
     @property
     def places(self) -> tuple[str, ...]:

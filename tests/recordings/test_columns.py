@@ -58,5 +58,5 @@ def test_messages_are_told_from_other_records() -> None:
     data = record(4, b"channel") + record(5, head + b"payload") + record(5, b"too short")
     found = messages(data, record_offsets(data)[0])
     assert found.channel_id.tolist() == [7]
-    assert found.time_ns.tolist() == [99]
+    assert found.time_ns().tolist() == [99]
     assert found.payload(0) == b"payload"
