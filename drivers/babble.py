@@ -45,6 +45,8 @@ class BabbleWatch:
         self._babbling = False
         self._count = 0
         self._window_ns: int | None = None
+        self._due_ns = 0
+        self._extended = False
         self._loud_ns = 0
 
     def hear(self, count: int) -> None:
@@ -54,12 +56,16 @@ class BabbleWatch:
     def look(self, now_ns: int) -> Sequence[Fault]:
         """The fault that begins or ends now, if one does; to be asked regularly."""
         if self._window_ns is None:
-            self._window_ns, self._count = now_ns, 0
-        passed_ns = now_ns - self._window_ns
-        if passed_ns < WINDOW_NS:
+            self._begin_window(now_ns)
             return ()
-        rate_hz = self._count * SECOND / passed_ns
-        self._window_ns, self._count = now_ns, 0
+        if now_ns < self._due_ns:
+            return ()
+        if now_ns - self._due_ns > WINDOW_NS and not self._extended:
+            # The host was held up: what came meanwhile is still to be read, and belongs here.
+            self._extended, self._due_ns = True, now_ns + WINDOW_NS
+            return ()
+        rate_hz = self._count * SECOND / (now_ns - self._window_ns)
+        self._begin_window(now_ns)
         if rate_hz > self._limit_hz:
             self._loud_ns = now_ns
             loud = True
@@ -69,6 +75,11 @@ class BabbleWatch:
             return ()
         self._babbling = loud
         return (self._begins(now_ns, rate_hz) if loud else self._ends(now_ns),)
+
+    def _begin_window(self, now_ns: int) -> None:
+        self._window_ns, self._due_ns = now_ns, now_ns + WINDOW_NS
+        self._extended = False
+        self._count = 0
 
     def _begins(self, now_ns: int, rate_hz: float) -> Fault:
         babble = self._babble

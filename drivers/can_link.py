@@ -13,9 +13,9 @@ samples that were due meanwhile are counted as lost.
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import threading
-import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -26,9 +26,9 @@ from drivers.can_device import CanDevice, CanParticipant, CanService
 from drivers.errors import DriverError, LinkBroken, Malformed, OptionError
 from drivers.identity import status_of
 from drivers.link import Clock, DeviceStatus, JointDrive, Losses
-from drivers.outage import LONGEST_WAIT_S
 from drivers.port_link import PortLink
 from drivers.schedule import SECOND, Backoff, Schedule
+from drivers.waiting import LONGEST_WAIT_S, waits
 from recordings.events import Event, Fault, Reading
 from recordings.faults import FaultKind
 from recordings.rig import CanPort
@@ -143,13 +143,10 @@ class CanLink(PortLink):
         """End sampling, having waited shortly for answers under way."""
         with self._turn:
             self._end_sampling()
-            deadline = time.monotonic() + LAST_ANSWERS_S
-            while (
-                any(tally.under_way for tally in self._tallies.values())
-                and (left := deadline - time.monotonic()) > 0
-                and not self._closing.is_set()
-            ):
-                self._serve(left)
+            for wait_s in waits(LAST_ANSWERS_S):
+                if self._closing.is_set() or not self._is_answer_under_way():
+                    break
+                self._serve(wait_s)
             for tally in self._tallies.values():
                 tally.give_up()
             for device in self._devices:
@@ -167,23 +164,19 @@ class CanLink(PortLink):
 
     def await_answer(self, answers: queue.Queue[bytes], timeout_s: float) -> bytes:
         """See `drivers.can_device.CanWire.await_answer`."""
-        deadline = time.monotonic() + timeout_s
-        while (left := deadline - time.monotonic()) > 0:
+        for wait_s in waits(timeout_s):
             self._require_present()
             if not answers.empty():
                 break
-            slice_s = min(left, LONGEST_WAIT_S)
             if self._turn.acquire(blocking=False):
                 try:
                     if answers.empty():
-                        self._serve(slice_s)
+                        self._serve(wait_s)
                 finally:
                     self._turn.release()
             else:
-                try:
-                    return answers.get(timeout=slice_s)
-                except queue.Empty:
-                    continue
+                with contextlib.suppress(queue.Empty):
+                    return answers.get(timeout=wait_s)
         return answers.get_nowait()
 
     def is_wanted(self, identifier: int) -> bool:
@@ -198,6 +191,9 @@ class CanLink(PortLink):
         self.fault(self._clock.now_ns(), device.name, FaultKind.RESTARTED, text)
         self._unready[device] = None
         self._not_set_up.add(device)
+
+    def _is_answer_under_way(self) -> bool:
+        return any(tally.under_way for tally in self._tallies.values())
 
     def _opened(self) -> None:
         for service in self._services:

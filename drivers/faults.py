@@ -37,6 +37,8 @@ class FaultThrottle:
 
     def __init__(self) -> None:
         self._seen: dict[tuple[str, str], _Repeats] = {}
+        self._looked_ns: int | None = None
+        self._held_up = False
 
     def offer(self, fault: Fault) -> list[Fault]:
         """The faults to report now that ``fault`` has happened: itself, or none yet."""
@@ -51,7 +53,16 @@ class FaultThrottle:
         return []
 
     def due(self, now_ns: int) -> list[Fault]:
-        """What is due: summaries of what repeats, and the ends of what does not any more."""
+        """What is due: summaries of what repeats, and the ends of what does not any more.
+
+        To be asked in each turn of a link, before what has come is read.
+        """
+        looked_ns, self._looked_ns = self._looked_ns, now_ns
+        late = looked_ns is not None and now_ns - looked_ns > QUIET_NS // 2
+        self._held_up = late and not self._held_up
+        if self._held_up:
+            # Whether something has repeated meanwhile is still to be read.
+            return []
         reports = []
         for key, repeats in list(self._seen.items()):
             last = repeats.latest

@@ -15,11 +15,9 @@ from drivers.errors import BusOff, DriverError, LinkBroken
 from drivers.link import Clock
 from drivers.schedule import SECOND, Backoff
 from drivers.tally import Tally
+from drivers.waiting import LONGEST_WAIT_S
 from recordings.events import Fault
 from recordings.faults import FaultKind
-
-LONGEST_WAIT_S = 0.05
-"""Longest wait in one turn of a link: how soon another thread gets its turn."""
 
 STEADY_NS = 5 * SECOND
 """How long a port must have been open again for its next outage to begin with a short delay."""

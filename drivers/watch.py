@@ -20,6 +20,7 @@ from collections.abc import Mapping, Sequence
 
 from drivers.link import Clock, DeviceStatus, JointDrive, Link, Losses
 from drivers.schedule import SECOND
+from drivers.silence import SilenceWatch
 from recordings.events import Event, Fault, Reading, ReadingFlag
 from recordings.faults import ENDED_BY, FaultKind
 from recordings.rig import Channel
@@ -177,9 +178,7 @@ class _ChannelWatch:
         self.device = channel.device or channel.name
         self._name = channel.name
         self._allowed = repeats_allowed(channel.noise)
-        self._silent_ns = round(SILENT_S * SECOND)
-        self._heard_ns: int | None = None
-        self._silent = False
+        self._silence = SilenceWatch(None)
         self._raw: int | None = None
         self._repeats = 0
         self._same_since_ns = 0
@@ -194,15 +193,13 @@ class _ChannelWatch:
 
     def begin(self, now_ns: int, silent_ns: int) -> None:
         """Sampling begins."""
-        self._heard_ns = now_ns
-        self._silent_ns = silent_ns
+        self._silence.timeout_ns = silent_ns
+        self._silence.begin(now_ns)
 
     def take(self, reading: Reading, explained: bool) -> list[Fault]:
         """Look at a reading."""
         found = []
-        self._heard_ns = reading.time_ns
-        if self._silent:
-            self._silent = False
+        if self._silence.hear(reading.time_ns):
             found.append(self._fault(reading.time_ns, FaultKind.ANSWERING, "delivers again"))
         found += self._take_value(reading)
         if reading.sequence is not None:
@@ -214,13 +211,14 @@ class _ChannelWatch:
         if self._excused and not explained:
             # What was lost in the end of an outage belongs to it; from now on it counts anew.
             self._excused = False
-            self._heard_ns, self._lost = now_ns, lost
+            self._lost = lost
+            if self._silence.expects:
+                self._silence.begin(now_ns)
         found = self._look_at_losses(lost, now_ns, explained)
-        if self._heard_ns is None or self._silent or explained:
+        if explained:
             return found
-        if now_ns - self._heard_ns > self._silent_ns:
-            self._silent = True
-            text = f"has delivered nothing for {self._silent_ns / SECOND:g} s"
+        if self._silence.timeout_ns is not None and self._silence.falls_silent(now_ns):
+            text = f"has delivered nothing for {self._silence.timeout_ns / SECOND:g} s"
             found.append(self._fault(now_ns, FaultKind.SILENT, text))
         return found
 

@@ -34,6 +34,8 @@ class DoubleWatch:
         self.surplus = False
         self.asked_ns: int | None = None
         self._owed: deque[int] = deque()
+        self._answered_ns: int | None = None
+        self._void_until_ns = 0
         self._times: list[int] = []
 
     def ask(self, now_ns: int) -> bool:
@@ -49,9 +51,13 @@ class DoubleWatch:
 
     def answer(self, now_ns: int) -> bool:
         """An answer came; whether this shows that there are two nodes now."""
+        if self._answered_ns is not None and now_ns - self._answered_ns > LATEST_NS:
+            # What comes at once behind such a pause answers requests that were taken for lost.
+            self._void_until_ns = now_ns + WINDOW_NS
+        self._answered_ns = now_ns
         self.surplus = not self._owed
         self.asked_ns = self._owed.popleft() if self._owed else None
-        if not self.surplus:
+        if not self.surplus or now_ns < self._void_until_ns:
             return False
         recent = [time_ns for time_ns in self._times if now_ns - time_ns < WINDOW_NS]
         self._times = [*recent[1 - SURPLUS :], now_ns]

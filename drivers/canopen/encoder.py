@@ -36,6 +36,7 @@ from drivers.errors import DeviceRefused, Malformed, OptionError
 from drivers.link import JointDrive, Losses
 from drivers.round_trips import RoundTrips
 from drivers.schedule import SECOND
+from drivers.silence import SilenceWatch
 from drivers.tally import Tally
 from recordings.events import Event, Fault, Reading, ReadingFlag
 from recordings.faults import FaultKind
@@ -173,8 +174,7 @@ class Encoder:
         self.tallies = {name: Tally() for name in self.channels}
         self._tracks = [SampleTrack(name, tally) for name, tally in self.tallies.items()]
         self._parameters = 0x1800 + spec.options.tpdo - 1
-        self._heard_ns: int | None = None
-        self._silent = False
+        self._silence = SilenceWatch(SILENT_NS)
         self._answers = DoubleWatch()
         self._round_trips = RoundTrips(self.name)
 
@@ -193,7 +193,7 @@ class Encoder:
 
     def start(self) -> None:
         """Let it send its position on each SYNC; raises as `identify`."""
-        self._heard_ns = None
+        self._silence.end()
         try:
             transmission = self._sdo.read_integer(self._parameters, 2)
         except DeviceRefused:
@@ -221,9 +221,7 @@ class Encoder:
                 track.reading(sample, frame.time_ns, frame.device_time_ns) for track in self._tracks
             ]
             events += self._round_trips.answered(self._answers.asked_ns, frame.time_ns)
-        self._heard_ns = frame.time_ns
-        if self._silent:
-            self._silent = False
+        if self._silence.hear(frame.time_ns):
             text = f"{self.name} answers again"
             events.insert(0, Fault(frame.time_ns, self.name, FaultKind.ANSWERING, text))
         return events
@@ -248,14 +246,13 @@ class Encoder:
 
     def sync(self, time_ns: int) -> Sequence[Event]:
         """A SYNC was sent: say so once when none has been answered for long."""
-        if self._heard_ns is None:
-            self._heard_ns = time_ns
+        if not self._silence.expects:
+            self._silence.begin(time_ns)
         if self._answers.ask(time_ns):
             text = f"only one device answers as node {self.node_id} again"
             return (Fault(time_ns, self.name, FaultKind.SINGLE, text),)
-        if self._silent or not self._tracks or time_ns - self._heard_ns <= SILENT_NS:
+        if not self._tracks or not self._silence.falls_silent(time_ns):
             return ()
-        self._silent = True
         text = f"{self.name} (node {self.node_id}) has not answered SYNC for {SILENT_NS / SECOND} s"
         return (Fault(time_ns, self.name, FaultKind.SILENT, text),)
 

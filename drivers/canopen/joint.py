@@ -27,7 +27,6 @@ Options: ``node_id`` (1 to 127), ``master_id`` (default 127), ``heartbeat_timeou
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar
 
@@ -42,13 +41,14 @@ from drivers.canopen.cia402 import DriveState, Operation, State, decode, mode_of
 from drivers.canopen.device import Wire
 from drivers.canopen.identity import identify
 from drivers.canopen.master import HEARTBEAT, NMT, NMT_START, OPERATIONAL, CanopenMaster
-from drivers.canopen.sdo import Sdo
+from drivers.canopen.sdo import SDO_TIMEOUT_S, Sdo
 from drivers.driver import DeviceSpec, Driver
 from drivers.errors import BadCommand, DeviceRefused
 from drivers.joint_drive import joint_of, require_mode
 from drivers.link import JointDrive, Losses
 from drivers.schedule import SECOND
 from drivers.tally import Tally
+from drivers.waiting import waits
 from recordings.events import Event, Fault, Mode, ModeReport
 from recordings.faults import FaultKind
 from recordings.rig import CanPort
@@ -332,33 +332,35 @@ class CanopenJoint:
 
     def _walk(self, goal: State, command: Callable[[State], int | None]) -> None:
         """Give the control words that lead to ``goal``, each once a state, until it is reached."""
-        deadline = time.monotonic() + TRANSITION_S
         commanded: State | None = None
-        while (state := state_of(self._read().status)) is not goal:
+        for _ in waits(TRANSITION_S, SDO_TIMEOUT_S):
+            state = state_of(self._read().status)
+            if state is goal:
+                return
             if state is State.FAULT:
                 raise self._faulty(f"went into fault on the way to {goal.name}")
-            if time.monotonic() > deadline:
-                raise DeviceRefused(
-                    f"{self.name} stays in {state.name}, expected {goal.name} within "
-                    f"{TRANSITION_S} s; check its power and its enable input"
-                )
             word = command(state)
             if word is not None and state is not commanded:
                 self._sdo.write(0x6040, 0, word, size=2)
                 commanded = state
+        raise DeviceRefused(
+            f"{self.name} stays in {state.name}, expected {goal.name} within "
+            f"{TRANSITION_S} s; check its power and its enable input"
+        )
 
     def _wait_for(
         self, holds: Callable[[DriveState], bool], timeout_s: float, complaint: str
     ) -> None:
-        deadline = time.monotonic() + timeout_s
-        while not holds(shown := self._read()):
+        for _ in waits(timeout_s, SDO_TIMEOUT_S):
+            shown = self._read()
+            if holds(shown):
+                return
             if state_of(shown.status) is State.FAULT:
                 raise self._faulty(complaint)
-            if time.monotonic() > deadline:
-                raise DeviceRefused(
-                    f"{self.name} {complaint} within {timeout_s} s "
-                    f"(status word 0x{shown.status:04X}, mode display {shown.display})"
-                )
+        raise DeviceRefused(
+            f"{self.name} {complaint} within {timeout_s} s "
+            f"(status word 0x{shown.status:04X}, mode display {shown.display})"
+        )
 
     def _faulty(self, complaint: str) -> DeviceRefused:
         self._error_code = self._sdo.read_integer(0x603F)

@@ -11,13 +11,13 @@ from __future__ import annotations
 import logging
 import queue
 import threading
-import time
 from collections.abc import Callable
 
 from canopen import Network, ObjectDictionary, SdoAbortedError, SdoCommunicationError
 from canopen.sdo.client import SdoClient
 
 from drivers.errors import DeviceRefused, DeviceSilent
+from drivers.waiting import waits
 
 SDO_TIMEOUT_S = 0.5
 SDO_LENGTH = 8
@@ -58,12 +58,11 @@ class _Client(SdoClient):
     def request_response(self, sdo_request: bytes) -> bytes:
         self.responses = queue.Queue()
         self.send_request(sdo_request)  # type: ignore[no-untyped-call]
-        deadline = time.monotonic() + SDO_TIMEOUT_S
-        while (left := deadline - time.monotonic()) > 0:
+        for wait_s in waits(SDO_TIMEOUT_S):
             try:
-                answer = self._await_answer(self.responses, left)
+                answer = self._await_answer(self.responses, wait_s)
             except queue.Empty:
-                break
+                continue
             if answers(sdo_request, answer):
                 if answer[0] >> 5 == ABORTED:
                     raise SdoAbortedError(int.from_bytes(answer[4:8], "little"))

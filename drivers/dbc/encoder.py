@@ -47,8 +47,6 @@ from recordings.rig.quantity import Described, fail
 CYCLES_OF_SILENCE = 5
 SHORTEST_SILENCE_NS = SECOND // 10
 UNKNOWN_SILENCE_NS = SECOND // 2
-HELD_UP_NS = SECOND // 10
-"""A device is served every 0.05 s; a host that takes longer is held up."""
 
 
 class DbcEncoderOptions(Described):
@@ -180,7 +178,6 @@ class DbcEncoder:
         self._asked: queue.Queue[bytes] | None = None
         self._unheard: set[int] = set()
         self._started = False
-        self._served_ns = 0
 
     def attach(self, wire: CanWire) -> None:
         """Belong to a bus."""
@@ -254,9 +251,7 @@ class DbcEncoder:
 
     def serve(self, now_ns: int) -> Sequence[Event]:
         """Say once of each message that it has not come for long, or that two send it."""
-        served_ns, self._served_ns = self._served_ns, now_ns
-        if not self._started or now_ns - served_ns > HELD_UP_NS:
-            # A host that was held up has frames waiting: first those, then a verdict.
+        if not self._started:
             return ()
         faults = []
         for track in self._tracks.values():

@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import queue
 import threading
-import time
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
@@ -42,6 +41,7 @@ from drivers.joint_drive import joint_of, require_mode
 from drivers.link import JointDrive, Losses
 from drivers.schedule import SECOND
 from drivers.tally import Tally
+from drivers.waiting import waits
 from recordings.events import Event, Fault, Mode, ModeReport
 from recordings.faults import FaultKind
 from recordings.rig import CanPort
@@ -171,15 +171,18 @@ class DbcJoint:
             if mode is not Mode.OFF and self._await_status().mode is Mode.FAULT:
                 raise self._faulty("cannot be switched on")
             self._command(mode, target)
-            deadline = time.monotonic() + self._timeout_s
-            while (report := self._await_status()).mode is not mode:
-                if report.mode is Mode.FAULT and mode is not Mode.OFF:
-                    raise self._faulty(f"went into fault on the way to {mode.name}")
-                if report.mode is Mode.FAULT or time.monotonic() > deadline:
-                    raise DeviceRefused(
-                        f"{self.name} shows {report.mode.name} (raw {report.status}, error "
-                        f"{report.error_code}), expected {mode.name} within {self._timeout_s:g} s"
-                    )
+            for _ in waits(self._timeout_s, STATUS_S):
+                report = self._await_status()
+                if report.mode is mode:
+                    return
+                if report.mode is Mode.FAULT:
+                    break
+            if report.mode is Mode.FAULT and mode is not Mode.OFF:
+                raise self._faulty(f"went into fault on the way to {mode.name}")
+            raise DeviceRefused(
+                f"{self.name} shows {report.mode.name} (raw {report.status}, error "
+                f"{report.error_code}), expected {mode.name} within {self._timeout_s:g} s"
+            )
 
     def move_to(self, target_raw: int) -> None:
         """Move to a target [counts]; see `drivers.link.JointDrive.move_to`."""

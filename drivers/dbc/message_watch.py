@@ -8,6 +8,7 @@ stalled and gives what it kept at once does not, because a pause makes the time 
 from __future__ import annotations
 
 from drivers.schedule import SECOND
+from drivers.silence import SilenceWatch
 from recordings.events import Fault
 from recordings.faults import FaultKind
 
@@ -19,26 +20,27 @@ PAUSE_NS = SECOND // 20
 DOUBLED, SINGLE = 1.5, 1.25
 """Of the usual number in a window: above the first there are two senders, below the second one."""
 
+HELD_UP = 1.5
+"""Of a window, that a host may be late with it."""
+
 FEWEST = 10
 """Messages in a window for their number to mean anything."""
 
 
-class MessageWatch:
+class MessageWatch(SilenceWatch):
     """Follows one message.
 
     Args:
         timeout_ns: time without it after which it is called silent, None where it may be.
 
     Attributes:
-        silent: whether it has stopped.
         doubled: whether two send it.
     """
 
     def __init__(self, timeout_ns: int | None) -> None:
-        self.timeout_ns = timeout_ns
-        self.silent = False
+        super().__init__(timeout_ns)
         self.doubled = False
-        self._heard_ns: int | None = None
+        self._heard_ns = 0
         self._usual: int | None = None
         self._window_ns = 0
         self._void_until_ns = 0
@@ -46,37 +48,27 @@ class MessageWatch:
 
     def begin(self, now_ns: int) -> None:
         """From now on it is expected; its rate is learned anew."""
-        self._heard_ns = now_ns
+        super().begin(now_ns)
         self._usual = None
-        self._window_ns = self._void_until_ns = now_ns
+        self._heard_ns = self._window_ns = self._void_until_ns = now_ns
         self._count = 0
-
-    def end(self) -> None:
-        """It is not expected any more, or cannot be heard for another reason."""
-        self._heard_ns = None
 
     def hear(self, now_ns: int) -> bool:
         """It came; whether that ends a silence."""
-        if self._heard_ns is None:
-            return False
-        if now_ns - self._heard_ns > PAUSE_NS:
-            self._void_until_ns = now_ns + VOID_NS
-        self._heard_ns = now_ns
-        self._count += 1
-        ended, self.silent = self.silent, False
-        return ended
-
-    def falls_silent(self, now_ns: int) -> bool:
-        """Whether it is silent from now on."""
-        if self.timeout_ns is None or self._heard_ns is None or self.silent:
-            return False
-        self.silent = now_ns - self._heard_ns > self.timeout_ns
-        return self.silent
+        if self.expects:
+            if now_ns - self._heard_ns > PAUSE_NS:
+                self._void_until_ns = now_ns + VOID_NS
+            self._heard_ns = now_ns
+            self._count += 1
+        return super().hear(now_ns)
 
     def doubles(self, now_ns: int) -> bool:
         """Whether `doubled` changes now; to be asked regularly."""
-        if self._heard_ns is None or now_ns - self._window_ns < WINDOW_NS:
+        if not self.expects or now_ns - self._window_ns < WINDOW_NS:
             return False
+        if now_ns - self._window_ns > HELD_UP * WINDOW_NS:
+            # Nobody has looked for long: what was sent meanwhile is still to be read.
+            self._void_until_ns = now_ns + VOID_NS
         count = self._count * WINDOW_NS / (now_ns - self._window_ns)
         self._window_ns, self._count = now_ns, 0
         if now_ns < self._void_until_ns:

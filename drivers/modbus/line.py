@@ -18,6 +18,7 @@ from drivers.link import Clock
 from drivers.modbus.pdu import Identify, Read, Reply, Verdict
 from drivers.modbus.rtu import AROUND, bytes_of_others, complete_but_damaged, encode, replies
 from drivers.ports import open_error
+from drivers.waiting import waits
 from recordings.rig import SerialPort
 
 READ_SLICE_S = 0.01
@@ -146,19 +147,12 @@ class RtuLine:
             stream.close()
 
     def ask(self, request: Read | Identify, timeout_s: float) -> Answer:
-        """Send ``request`` and return the reply that belongs to it.
+        """Send ``request`` and return the reply that belongs to it; raises as `Line.ask`.
 
         Args:
             request: what to ask, of whom.
             timeout_s: longest time from the end of the request to the end of the reply, beside
                 the time that the bytes take on the line.
-
-        Raises:
-            DeviceSilent: no reply in time.
-            DeviceRefused: an exception reply.
-            Malformed: a damaged reply.
-            LinkBroken: the port is gone.
-            LinkClosed: the port is not open.
         """
         stream = self._stream
         if stream is None:
@@ -176,10 +170,9 @@ class RtuLine:
         stream.write(frame)
         # The request may still be in the port's buffer, and the reply takes its time too.
         on_the_line_s = (len(frame) + AROUND + request.longest_reply) * self._character_s
-        deadline = time.monotonic() + on_the_line_s + timeout_s
         came = b""
         seen = 0
-        while time.monotonic() < deadline:
+        for _ in waits(on_the_line_s + timeout_s, READ_SLICE_S):
             chunk = stream.read(max(1, stream.in_waiting))
             time_ns = self._clock.now_ns()
             if not chunk:

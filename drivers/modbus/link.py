@@ -20,11 +20,11 @@ from drivers.identity import Identity, status_of
 from drivers.link import Clock, DeviceStatus, JointDrive, Losses
 from drivers.modbus.line import BITS_PER_CHARACTER, Line, RtuLine
 from drivers.modbus.tcp_line import TcpLine
-from drivers.outage import LONGEST_WAIT_S
 from drivers.port_link import PortLink
 from drivers.round_trips import RoundTrips
 from drivers.schedule import SECOND, Schedule
 from drivers.tally import Tally
+from drivers.waiting import LONGEST_WAIT_S
 from recordings.events import Event
 from recordings.faults import FaultKind
 from recordings.rig import SerialPort, TcpPort

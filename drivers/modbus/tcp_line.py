@@ -7,7 +7,6 @@ told by their transaction, counted, and passed over.
 from __future__ import annotations
 
 import socket
-import time
 from collections.abc import Callable
 from typing import Protocol
 
@@ -17,10 +16,12 @@ from drivers.modbus.line import Answer
 from drivers.modbus.mbap import LARGEST_TRANSACTION, Adu, AduBuffer, encode
 from drivers.modbus.pdu import Identify, Read, Verdict, read_reply
 from drivers.ports import open_error
+from drivers.waiting import waits
 from recordings.rig import TcpPort
 
 CONNECT_TIMEOUT_S = 2.0
 BLOCK = 4096
+SHORTEST_WAIT_S = 1e-6
 
 
 class Connection(Protocol):
@@ -99,13 +100,13 @@ class TcpLine:
         self._transaction = self._transaction % LARGEST_TRANSACTION + 1
         connection.settimeout(timeout_s)
         connection.sendall(encode(request, self._transaction))
-        deadline = time.monotonic() + timeout_s
-        while (left_s := deadline - time.monotonic()) > 0:
-            connection.settimeout(left_s)
+        for wait_s in waits(timeout_s):
+            # A timeout of 0 would be non-blocking, which raises another error.
+            connection.settimeout(max(wait_s, SHORTEST_WAIT_S))
             try:
                 data = connection.recv(BLOCK)
             except TimeoutError:
-                break
+                continue
             time_ns = self._clock.now_ns()
             if not data:
                 raise self._broken("the server has closed the connection")

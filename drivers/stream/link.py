@@ -9,18 +9,17 @@ When the port goes away, it is opened again after growing delays (0.25 s to 4 s)
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 
 from drivers.errors import LinkBroken, LinkClosed, OptionError
 from drivers.link import Clock, DeviceStatus, JointDrive, Losses
-from drivers.outage import LONGEST_WAIT_S
 from drivers.port_link import PortLink
 from drivers.ports import open_error
 from drivers.schedule import SECOND
 from drivers.serial_blocks import SerialBlocks, open_blocks
 from drivers.stream.decoder import Sample
 from drivers.stream.sensor import StreamSensor
+from drivers.waiting import LONGEST_WAIT_S, waits
 from recordings.faults import FaultKind
 from recordings.rig import SerialPort
 
@@ -190,11 +189,10 @@ class StreamLink(PortLink):
             return f"port '{self.name}' is gone; it is being opened again"
         timeout_s = self._sensor.timeout_ns / SECOND
         seen = malformed = 0
-        deadline = time.monotonic() + timeout_s
         try:
             self._port.write(self._sensor.options.start_text)
-            while (left_s := deadline - time.monotonic()) > 0:
-                data = self._port.read(min(left_s, LONGEST_WAIT_S))
+            for wait_s in waits(timeout_s):
+                data = self._port.read(wait_s)
                 seen += len(data)
                 for item in self._sensor.samples(data) if data else ():
                     if isinstance(item, Sample):

@@ -18,6 +18,7 @@ from drivers.driver import DeviceSpec
 from drivers.errors import OptionError
 from drivers.link import Losses
 from drivers.schedule import SECOND
+from drivers.silence import SilenceWatch
 from drivers.stream.decoder import Decoder, Sample
 from drivers.stream_tally import StreamTally
 from recordings.events import Event, Fault
@@ -109,8 +110,7 @@ class StreamSensor:
             self.timeout_ns = max(PERIODS_OF_SILENCE * period_ns, SHORTEST_SILENCE_NS)
         else:
             self.timeout_ns = UNKNOWN_SILENCE_NS
-        self._heard_ns: int | None = None
-        self._silent = False
+        self._silence = SilenceWatch(self.timeout_ns)
 
     def reset(self) -> None:
         """The port has been opened: the stream begins anywhere."""
@@ -118,13 +118,13 @@ class StreamSensor:
 
     def start(self, now_ns: int) -> None:
         """From now on samples are expected."""
-        self._heard_ns = now_ns
+        self._silence.begin(now_ns)
         for tally in self._tallies.values():
             tally.begin(now_ns)
 
     def stop(self, now_ns: int) -> None:
         """No samples are expected any more."""
-        self._heard_ns = None
+        self._silence.end()
         for tally in self._tallies.values():
             tally.end(now_ns)
 
@@ -141,15 +141,13 @@ class StreamSensor:
         """The readings of ``sample``, which arrived at ``time_ns``; they are counted."""
         arrival = self._arrivals.take(time_ns, sample.sequence, sample.ticks)
         events: list[Event] = []
-        if self._silent:
-            self._silent = False
+        if self._silence.hear(time_ns):
             events.append(
                 Fault(time_ns, self.name, FaultKind.ANSWERING, f"{self.name} sends again")
             )
         if arrival.restarted:
             text = f"{self.name} has restarted by itself: its counter or clock began anew"
             events.append(Fault(time_ns, self.name, FaultKind.RESTARTED, text))
-        self._heard_ns = time_ns
         for name, signal in self.channels.items():
             self._tallies[name].receive(time_ns, arrival.step)
             events.append(arrival.reading(name, time_ns, sample.counts[signal], sample.flags))
@@ -157,9 +155,8 @@ class StreamSensor:
 
     def silence(self, now_ns: int) -> Sequence[Event]:
         """Say once that no sample has come for long."""
-        if self._silent or self._heard_ns is None or now_ns - self._heard_ns <= self.timeout_ns:
+        if not self._silence.falls_silent(now_ns):
             return ()
-        self._silent = True
         text = f"{self.name} has sent no sample for {self.timeout_ns / SECOND:g} s"
         return (Fault(now_ns, self.name, FaultKind.SILENT, text),)
 

@@ -29,18 +29,35 @@ def babble_changes(counts: list[int]) -> list[int]:
 def test_babble_is_told_with_its_rate_and_its_likely_cause():
     watch = BabbleWatch(BABBLE, 1000.0)
     assert watch.look(0) == ()
-    watch.hear(1500)
-    (begins,) = watch.look(SECOND)
-    text = "1500 frames a second, above 1000: a device babbles"
-    assert begins == Fault(SECOND, "bus1", FaultKind.BABBLE, text)
-    (ends,) = watch.look(3 * SECOND)
-    assert ends == Fault(3 * SECOND, "bus1", FaultKind.QUIET, "the bus is quiet again")
+    watch.hear(500)
+    (begins,) = watch.look(250 * MS)
+    text = "2000 frames a second, above 1000: a device babbles"
+    assert begins == Fault(250 * MS, "bus1", FaultKind.BABBLE, text)
+    (ends,) = [fault for n in range(2, 9) for fault in watch.look(n * 250 * MS)]
+    assert ends == Fault(1250 * MS, "bus1", FaultKind.QUIET, "the bus is quiet again")
 
 
 def test_babble_is_a_rate_and_ends_after_a_second_of_quiet():
     assert babble_changes([50] * 50) == []
     assert babble_changes([500] * 20) == [3]
     assert babble_changes([0] * 5 + [500] * 10 + [0] * 30) == [6, 27]
+
+
+def test_what_came_while_the_host_was_held_up_belongs_to_that_time():
+    """A bus that others use too, at half of what would be babble, and a host that is away for 2 s."""
+    watch = BabbleWatch(BABBLE, 1000.0)
+    for tenth in [*range(10), *range(30, 60)]:
+        assert watch.look(tenth * 100 * MS) == ()
+        watch.hear(1000 if tenth == 30 else 50)
+
+
+def test_a_host_that_is_always_slow_hears_babble_all_the_same():
+    watch = BabbleWatch(BABBLE, 1000.0)
+    told = []
+    for second in range(6):
+        told += watch.look(second * SECOND)
+        watch.hear(5000)
+    assert [fault.kind for fault in told] == [FaultKind.BABBLE]
 
 
 def test_a_single_burst_below_the_rate_is_no_babble():
@@ -75,6 +92,18 @@ def test_late_and_lost_answers_and_a_burst_after_a_stall_are_one_node():
     assert not watch.doubled
 
 
+def test_answers_that_a_stall_of_seconds_held_up_are_those_of_one_node():
+    watch = DoubleWatch()
+    for number in range(800):
+        now_ns = number * 10 * MS
+        watch.ask(now_ns)
+        # From 1 s to 6 s nothing comes; then all of it does.
+        for _ in range(0 if 100 <= number < 600 else 501 if number == 600 else 1):
+            assert not watch.answer(now_ns + MS)
+    now_ns = 8 * SECOND
+    assert [watch.answer(now_ns + n * MS) for n in range(SURPLUS + 1)].count(True) == 1
+
+
 def test_beats_tell_silence_and_two_nodes():
     watch = BeatWatch()
     watch.begin(0)
@@ -98,7 +127,24 @@ def test_a_node_that_nobody_listened_to_is_not_silent():
     watch.begin(0)
     assert not watch.falls_silent(100 * MS)
     assert not watch.falls_silent(9 * SECOND)
-    assert [watch.falls_silent(9 * SECOND + n * 100 * MS) for n in range(1, 20)].index(True) == 10
+    # It is given most of the second that it has.
+    assert [watch.falls_silent(9 * SECOND + n * 100 * MS) for n in range(1, 20)].index(True) == 7
+
+
+def test_beats_that_come_at_once_behind_a_pause_are_those_of_one_node():
+    watch = BeatWatch()
+    watch.begin(0)
+    for pause_ms in (600, 1700, 5000):
+        now_ns = pause_ms * MS
+        ends = watch.hear(now_ns)
+        assert not any(watch.hear(now_ns) for _ in range(pause_ms // BEAT_MS))
+        assert not ends
+        assert not watch.doubles(now_ns + MS)
+    doubled = [
+        watch.hear(6 * SECOND + n * 100 * MS) or watch.doubles(6 * SECOND + n * 100 * MS)
+        for n in range(30)
+    ]
+    assert doubled.count(True) == 1
 
 
 def test_a_node_without_beats_is_never_silent():

@@ -1,8 +1,7 @@
-"""What every link promises (`drivers.link.Link`), for every family of devices, on every bench.
+"""What every link promises (`drivers.link.Link`), for every family, on every bench (`contract.py`).
 
-Benches: ``virtual``, the virtual devices on real ports in a thread; ``loopback``, the same in memory
-and by virtual time; and ``hardware``, real devices, where the environment variable
-``LOOPCAL_HARDWARE`` names a rig file (or several, separated by ``:``)::
+Real devices are tried where the environment variable ``LOOPCAL_HARDWARE`` names a rig file (or
+several, separated by ``:``)::
 
     LOOPCAL_HARDWARE=bench.toml pytest -m hardware tests/drivers/test_link_contract.py
 
@@ -11,13 +10,8 @@ On hardware nothing is moved and nothing is unplugged: drives are asked, and not
 
 from __future__ import annotations
 
-import os
-import random
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -25,104 +19,32 @@ import pytest
 
 from drivers import (
     BadCommand,
-    Clock,
     Link,
     LinkClosed,
-    Losses,
     PortNotFound,
     make_links,
 )
 from recordings.events import Event, Fault, Mode, ModeCommand, ModeReport, Reading
 from recordings.faults import FaultKind
-from recordings.rig import Rig, load_rig, parse_rig
+from recordings.rig import parse_rig
 from sim_devices.in_memory import MemoryBench
-from sim_devices.running import running
 from sim_devices.virtual_time import VirtualClock
+from tests.drivers.contract import (
+    CENTRE,
+    PATIENCE_S,
+    VIRTUAL,
+    Bench,
+    NoisyPlant,
+    assert_balanced,
+    benches,
+    enough,
+    on_real_ports,
+    pump,
+    readings,
+)
 from tests.drivers.families import FAMILIES, HZ
 
 SECOND = 1_000_000_000
-PATIENCE_S = 10.0
-CENTRE = {"q1": 4000, "q2": 7000}
-
-
-class NoisyPlant:
-    """Nature: joints that stand still where they are told, sensors with noise of their own."""
-
-    def __init__(self) -> None:
-        self._random = random.Random(7)
-        self.commands: list[tuple[str, str, int]] = []
-
-    def advance(self, time_s: float) -> None: ...
-
-    def sense(self, channel: str) -> int:
-        return CENTRE[channel] + self._random.randint(-3, 3)
-
-    def command(self, joint: str, mode: str, target_raw: int) -> None:
-        self.commands.append((joint, mode, target_raw))
-
-    def drive_fault(self, joint: str) -> int:
-        return 0
-
-
-class MonotonicClock:
-    """Real time, not anchored to anything."""
-
-    def now_ns(self) -> int:
-        return time.monotonic_ns()
-
-
-@dataclass(frozen=True, slots=True)
-class Bench:
-    """A bench for the length of a test.
-
-    Attributes:
-        rig: the rig, with its ports where the bench is.
-        clock: time of the links.
-        virtual: whether the devices are ours: what they measure is known, and they may be moved.
-        unplug: lets a port disappear and come back.
-    """
-
-    rig: Rig
-    clock: Clock
-    virtual: bool
-    unplug: Callable[[str, float], None]
-
-
-@contextmanager
-def on_real_ports(family: str, folder: Path) -> Iterator[Bench]:
-    with running(FAMILIES[family].rig, NoisyPlant(), folder) as bench:
-        unplug = lambda port, s: bench.faults.inject(f"unplug {port} for {s} s")  # noqa: E731
-        yield Bench(bench.rig, MonotonicClock(), True, unplug)
-
-
-@contextmanager
-def in_memory(family: str, folder: Path) -> Iterator[Bench]:
-    clock = VirtualClock()
-    bench = MemoryBench(FAMILIES[family].rig, NoisyPlant(), clock)
-    with bench.running():
-        unplug = lambda port, s: bench.faults.inject(f"unplug {port} for {s} s")  # noqa: E731
-        yield Bench(bench.rig, clock, True, unplug)
-
-
-@contextmanager
-def on_hardware(path: str, folder: Path) -> Iterator[Bench]:
-    yield Bench(load_rig(path), MonotonicClock(), False, lambda port, s: None)
-
-
-VIRTUAL = [
-    *(pytest.param(on_real_ports, name, id=f"virtual-{name}") for name in FAMILIES),
-    # A TCP port is this computer's own on either bench.
-    *(
-        pytest.param(in_memory, name, id=f"loopback-{name}")
-        for name in FAMILIES
-        if not name.endswith("tcp")
-    ),
-]
-HARDWARE = [
-    pytest.param(on_hardware, path, id=f"hardware-{path}", marks=pytest.mark.hardware)
-    for path in os.environ.get("LOOPCAL_HARDWARE", "").split(":")
-    if path
-]
 
 
 @pytest.fixture
@@ -140,47 +62,6 @@ def links(bench: Bench) -> Iterator[tuple[Link, ...]]:
     yield made
     for link in made:
         link.close()
-
-
-def benches(*, hardware: bool) -> pytest.MarkDecorator:
-    made = [
-        pytest.param(param.values, id=param.id, marks=param.marks)
-        for param in (*VIRTUAL, *(HARDWARE if hardware else ()))
-    ]
-    return pytest.mark.parametrize("bench", made, indirect=True)
-
-
-def pump(
-    link: Link, until: Callable[[list[Event]], bool], clock: Clock | None = None
-) -> list[Event]:
-    """What comes until ``until`` holds; fails after ten seconds of real time."""
-    events: list[Event] = []
-    deadline = time.perf_counter() + PATIENCE_S
-    while not until(events):
-        assert time.perf_counter() < deadline, f"waited in vain; last: {events[-5:]}"
-        for drive in link.joints.values():
-            drive.vouch(2**62)
-        if isinstance(clock, VirtualClock):
-            events.extend(link.pump(0.0))
-            clock.advance(0.005)
-        else:
-            events.extend(link.pump(0.02))
-    return events
-
-
-def readings(events: list[Event], channel: str) -> list[Reading]:
-    return [e for e in events if isinstance(e, Reading) and e.channel == channel]
-
-
-def enough(link: Link, count: int) -> Callable[[list[Event]], bool]:
-    names = list(link.losses())
-    return lambda events: all(len(readings(events, name)) >= count for name in names)
-
-
-def assert_balanced(losses: Mapping[str, Losses], events: list[Event]) -> None:
-    for name, each in losses.items():
-        missing = each.expected - len(readings(events, name))
-        assert missing == each.dropped_by_device + each.lost_in_gaps, name
 
 
 @benches(hardware=True)
@@ -283,7 +164,7 @@ def test_closing_ends_a_pump_that_waits(bench, links, request):
         thread = threading.Thread(target=serve)
         thread.start()
         link.close()
-        assert ended.wait(2.0)
+        assert ended.wait(PATIENCE_S)
         thread.join()
 
 

@@ -5,94 +5,21 @@ from __future__ import annotations
 import random
 
 import pytest
-from pymodbus.framer import FramerRTU
 
 from drivers.driver import DeviceSpec
-from drivers.errors import LinkClosed, PortBusy, PortNotFound
+from drivers.errors import LinkClosed
 from drivers.link import Losses
 from drivers.modbus.adc import AdcOptions, ModbusAdc
 from drivers.modbus.link import ModbusLink
 from recordings.events import Fault, Reading, ReadingFlag
 from recordings.faults import FaultKind
 from recordings.rig import SerialPort
+from sim_devices.virtual_time import time_is
+from tests.drivers.modbus_wire import Adc, Wire, frame
 
 HZ = 50.0
 STEP_S = 1 / HZ
 TIMEOUT_S = 0.02
-
-
-def frame(*body: int) -> bytes:
-    return bytes(body) + FramerRTU.compute_CRC(bytes(body)).to_bytes(2, "big")
-
-
-class Adc:
-    """A converter with a counter in register 0 and its signals behind; each read is a sample."""
-
-    def __init__(self, unit: int = 1) -> None:
-        self.unit = unit
-        self.samples = 0
-        self.frozen = False
-
-    def answer(self, request: bytes) -> bytes:
-        unit, function = request[0], request[1]
-        address, count = int.from_bytes(request[2:4], "big"), int.from_bytes(request[4:6], "big")
-        if unit != self.unit:
-            return b""
-        if function != 4:
-            return frame(unit, function | 0x80, 1)
-        self.samples += not self.frozen
-        registers = [self.samples % 65536, (1000 + self.samples) % 65536, 0xFFFE]
-        data = b"".join(r.to_bytes(2, "big") for r in registers[address : address + count])
-        return frame(unit, function, len(data), *data)
-
-
-class Wire:
-    """A serial stream in memory. ``mangle`` turns the reply to request number n into what arrives.
-
-    What ``mangle`` withholds into ``held`` comes in front of the next reply: a late reply.
-    """
-
-    def __init__(self, *slaves: Adc) -> None:
-        self.slaves = slaves
-        self.requests: list[bytes] = []
-        self.plugged = True
-        self.opened = 0
-        self.held = b""
-        self.mangle = lambda number, reply: reply
-        self._buffer = b""
-
-    def connect(self, _port: SerialPort) -> Wire:
-        self._check()
-        self.opened += 1
-        return self
-
-    def _check(self) -> None:
-        if not self.plugged:
-            raise FileNotFoundError(2, "No such file or directory")
-
-    @property
-    def in_waiting(self) -> int:
-        self._check()
-        return len(self._buffer)
-
-    def read(self, size: int = 1) -> bytes:
-        self._check()
-        data, self._buffer = self._buffer[:size], self._buffer[size:]
-        return data
-
-    def write(self, data: bytes) -> int:
-        self._check()
-        self.requests.append(bytes(data))
-        reply = b"".join(slave.answer(data) for slave in self.slaves)
-        late, self.held = self.held, b""
-        self._buffer += late + self.mangle(len(self.requests), reply)
-        return len(data)
-
-    def close(self) -> None:
-        pass
-
-    def arrive(self, data: bytes) -> None:
-        self._buffer += data
 
 
 PORT = SerialPort(kind="serial", name="line", path="/nowhere")
@@ -231,6 +158,28 @@ def test_a_slave_that_is_always_one_reply_behind_gives_no_reading(make_link, adc
     link = make_link(wire, adc())
     assert run(link, 20)[0] == []
     assert link.losses()["d1"] == Losses(20, 20, 0, 0)
+
+
+def test_a_reply_that_came_while_the_host_was_held_up_is_read(make_link, adc, run, clock):
+    wire = Wire(Adc())
+    link = make_link(wire, adc())
+    wire.mangle = lambda number, reply: held.append(reply) or b""
+    held: list[bytes] = []
+    read = wire.read
+
+    def sleep_for_seconds_before_it_comes(size: int = 1) -> bytes:
+        data = read(size)
+        clock.advance(0.01)
+        if not data and held:
+            clock.advance(3.0)
+            wire.arrive(held.pop())
+        return data
+
+    wire.read = sleep_for_seconds_before_it_comes
+    with time_is(clock):
+        readings, faults = run(link, 2)
+    assert [r.raw for r in readings] == [1001, 1002]
+    assert faults == []
 
 
 def test_a_reply_that_waits_before_the_request_is_dropped(make_link, adc, run):
@@ -385,33 +334,3 @@ def test_a_closed_link_says_so(clock, adc):
         with pytest.raises(LinkClosed, match=r"open\(\)"):
             use()
     link.close()
-
-
-def port_at(path: str) -> SerialPort:
-    return SerialPort(kind="serial", name="line", path=path)
-
-
-def test_a_line_that_is_not_there(clock, adc, tmp_path):
-    path = str(tmp_path / "nothing")
-    with pytest.raises(PortNotFound, match=path):
-        ModbusLink(port_at(path), [adc()], clock).open()
-
-
-def test_a_line_is_held_against_a_second_user(clock, adc, line):
-    first, second = (ModbusLink(port_at(line.path), [adc()], clock) for _ in range(2))
-    first.open()
-    with pytest.raises(PortBusy, match="in use"):
-        second.open()
-    first.close()
-    second.open()
-    second.close()
-
-
-def test_a_real_port_that_is_unplugged(clock, adc, line, run):
-    link = ModbusLink(port_at(line.path), [adc()], clock)
-    link.open()
-    link.start(HZ)
-    line.unplug()
-    _, faults = run(link, 3)
-    link.close()
-    assert [f.kind for f in faults] == [FaultKind.BROKEN]

@@ -10,8 +10,9 @@ from itertools import pairwise
 import pytest
 
 from drivers.errors import BusOff, LinkBroken, PortNotFound
-from drivers.outage import LONGEST_WAIT_S, Outage
+from drivers.outage import Outage
 from drivers.tally import Tally
+from drivers.waiting import LONGEST_WAIT_S
 from recordings.faults import FaultKind
 
 
