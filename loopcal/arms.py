@@ -15,10 +15,24 @@ from recordings.urdf import Doubts, calibrated_urdf, rig_from_urdf
 
 
 def write_rig(
-    urdf: Path, tip: str, constraint: str, fixtures: Sequence[str], doubts: Doubts, output: Path
+    urdf: Path,
+    tip: str,
+    constraint: str,
+    fixtures: Sequence[str],
+    doubts: Doubts,
+    output: Path,
+    *,
+    gravity_compensated: bool,
 ) -> None:
     """Write the rig for the chain of ``urdf`` that ends in ``tip``; never over another file."""
-    text = rig_from_urdf(_read(urdf), tip, constraint, fixtures=fixtures, doubts=doubts)
+    text = rig_from_urdf(
+        _read(urdf),
+        tip,
+        constraint,
+        fixtures=fixtures,
+        doubts=doubts,
+        gravity_compensated=gravity_compensated,
+    )
     create(output, text)
 
 

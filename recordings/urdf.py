@@ -1,11 +1,12 @@
 """URDF in and out: a rig from the chain between two links, and the document with calibrated origins.
 
-Owns what of a URDF a calibration needs: the joints from the root to the tip. Moving joints
+Owns the two texts; what a chain is made of knows `recordings.urdf_chain`. Moving joints
 become joints of convention ``urdf``; fixed ones are folded into the origin behind them, and
 those behind the last moving joint into ``tip``. Where an origin's ry is a right angle, turns about
 x and z are the same, and small errors of the three angles do not reach every small rotation; the rig's
-frame of that joint is then the URDF's with its axes permuted, which keeps every ry away from it. Meshes, masses and other branches are left
-as they are. Refuses floating and planar joints and joints that mimic others.
+frame of that joint is then the URDF's with its axes permuted, which keeps every ry away from it.
+What the links weigh, with all that hangs on them, becomes the joints' masses; meshes and inertias
+are left.
 """
 
 from __future__ import annotations
@@ -17,21 +18,31 @@ from dataclasses import dataclass
 import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
-from urdf_parser_py import urdf
-from urdf_parser_py.xml_reflection import core as reflection
 
 from recordings.errors import RigError
 from recordings.rig.mechanism import CONSTRAINTS, POSE
 from recordings.rig.rig import parse_rig
 from recordings.sought import sought, with_level_x
+from recordings.urdf_chain import (
+    MOVING,
+    Link,
+    axis_of,
+    chain_to,
+    home_of,
+    moved,
+    parsed,
+    pose_of,
+    transform_of,
+)
 
 Array = NDArray[np.float64]
 
 COUNT = 1e-9
 """Size of a count in rigs and recordings made from tables [rad, m]: nothing an encoder knows is lost."""
 
-_MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
-_LOCKED = 1e-6  # |cos ry| below which turns about x and z are the same
+GRAVITY = 9.80665
+"""[m/s^2], down the z axis of the URDF's root where links have masses."""
+
 _STEEP = 0.1  # |cos ry| below which they are too nearly the same for a rig
 _NONE = np.eye(4)
 _CYCLED = _NONE[:, [1, 2, 0, 3]]  # x, y, z become y, z, x: 120 deg about (1, 1, 1)
@@ -57,28 +68,6 @@ class Doubts:
     tip: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class _Link:
-    """A moving joint with all that is fixed between it and the moving joint before it.
-
-    Attributes:
-        joint: of the URDF; None for what is behind the last moving joint.
-        before: (4, 4), product of the fixed joints ahead of it.
-        origin: (4, 4), of the joint, or of the last fixed one behind the last moving joint.
-        name: of the joint whose origin that is; None where there is none.
-    """
-
-    joint: urdf.Joint | None
-    before: Array
-    origin: Array
-    name: str | None
-
-    @property
-    def transform(self) -> Array:
-        """(4, 4), from the frame of the moving joint before it."""
-        return np.asarray(self.before @ self.origin)
-
-
 def rig_from_urdf(
     text: str,
     tip: str,
@@ -86,11 +75,14 @@ def rig_from_urdf(
     *,
     fixtures: Sequence[str] = ("fixture",),
     doubts: Doubts | None = None,
+    gravity_compensated: bool = False,
 ) -> str:
     """The TOML text of a rig for the chain from the root of a URDF to the link ``tip``.
 
     Channels are called q1, q2, ... from the root on, in counts of 1e-9 rad or m. The fixtures'
-    places are unknown: they start where the middle of the joint limits puts the tip.
+    places are unknown: they start where the middle of the joint limits puts the tip. Where links
+    have masses, those of side branches count as they are with their joints at 0, and gravity
+    points down the z axis of the root.
 
     Raises:
         RigError: not a URDF, no such link, or a chain that a rig cannot describe.
@@ -100,30 +92,36 @@ def rig_from_urdf(
         raise RigError(
             f"the constraint is '{constraint}', expected one of: {', '.join(CONSTRAINTS)}"
         )
-    robot = _parsed(text)
-    links = _chain(robot, tip)
+    robot = parsed(text)
+    links = chain_to(robot, tip)
     lines = [
         f"# The chain to {tip} of the URDF of {robot.name}; written by loopcal rig from-urdf.",
         "schema = 1",
         f'name = "{robot.name}"',
         "",
-        "[mechanism]",
-        'family = "serial"',
-        f'closure = {{ constraint = "{constraint}" }}',
     ]
+    if any(link.mass for link in links):
+        lines += [
+            "# Of a base that stands upright.",
+            f"gravity_m_per_s2 = [0.0, 0.0, {-GRAVITY!r}]",
+            "",
+        ]
+    lines += ["[mechanism]", 'family = "serial"', f'closure = {{ constraint = "{constraint}" }}']
+    if gravity_compensated:
+        lines.append('standing = "gravity-compensated"')
     channels: list[str] = []
     reached = previous = _NONE
     for number, (link, frame) in enumerate(zip(links, _frames(links), strict=True), 1):
         transform = previous.T @ link.transform @ frame
-        at = _pose_of(transform)
+        at = pose_of(transform)
         reached, previous = reached @ transform, frame
         if link.joint is None:
             if link.name is not None or not np.array_equal(transform, _NONE):
                 known = link.name is None or not doubts.tip
                 lines += ["", "[mechanism.tip]", *_pose_lines(at, doubts, known=known)]
             continue
-        joint, axis = link.joint, frame[:3, :3].T @ _axis(link.joint) + 0.0
-        home, kind = _home(joint), _MOVING[joint.type]
+        joint, axis = link.joint, frame[:3, :3].T @ axis_of(link.joint) + 0.0
+        home, kind = home_of(joint), MOVING[joint.type]
         unit = "rad" if kind == "revolute" else "m"
         lines += ["", "[[mechanism.joint]]", f'name = "{joint.name}"', f'type = "{kind}"']
         if frame is not _NONE:
@@ -138,6 +136,9 @@ def rig_from_urdf(
                 f"limits_{unit} = [{float(joint.limit.lower)!r}, {float(joint.limit.upper)!r}]"
             )
         lines += _pose_lines(at, doubts, known=False)
+        if link.mass:
+            com = frame[:3, :3].T @ np.array(link.com) + 0.0
+            lines += [f"mass_kg = {link.mass!r}", f"com_m = {[float(c) for c in com]}"]
         channels += ["", "[[channel]]", f'name = "q{number}"', f'senses = "{joint.name}"']
         channels += [
             f"gain_{unit}_per_count = {COUNT!r}",
@@ -145,7 +146,7 @@ def rig_from_urdf(
         ]
         if doubts.encoder_rad > 0:
             channels.append(f"offset_{unit} = {_uncertain(0.0, doubts.encoder_rad)}")
-        reached = reached @ _moved(axis, home, kind)
+        reached = reached @ moved(axis, home, kind)
     freed = CONSTRAINTS[constraint]
     if "rz" in freed and np.hypot(reached[0, 0], reached[1, 0]) < _STEEP:
         # Its own turn about z is anybody's: one that keeps ry from the right angle.
@@ -153,7 +154,7 @@ def rig_from_urdf(
     seek = sought(reached[:3, :3], freed)
     for name in fixtures:
         lines += ["", "[[mechanism.fixture]]", f'name = "{name}"']
-        for part, value in zip(POSE, _pose_of(reached), strict=True):
+        for part, value in zip(POSE, pose_of(reached), strict=True):
             unit = "m" if part in "xyz" else "rad"
             wanted = f"{{ nominal = {value!r}, identify = true }}"
             lines.append(f"{part}_{unit} = {wanted if part in seek else repr(value)}")
@@ -176,7 +177,7 @@ def calibrated_urdf(text: str, tip: str, values: Mapping[str, float]) -> str:
     """
     document = etree.fromstring(text.encode("utf-8"))
     elements = {element.get("name"): element for element in document.findall("joint")}
-    links = _chain(_parsed(text), tip)
+    links = chain_to(parsed(text), tip)
     previous = _NONE
     for number, (link, frame) in enumerate(zip(links, _frames(links), strict=True), 1):
         ahead, previous = previous, frame
@@ -184,7 +185,7 @@ def calibrated_urdf(text: str, tip: str, values: Mapping[str, float]) -> str:
             continue
         owner = link.name if link.joint is not None else "tip"
         try:
-            estimate = _transform(*(values[f"{owner}.{part}"] for part in POSE))
+            estimate = transform_of(*(values[f"{owner}.{part}"] for part in POSE))
             offset = values.get(f"q{number}.offset", 0.0)
         except KeyError as error:
             raise RigError(
@@ -192,8 +193,8 @@ def calibrated_urdf(text: str, tip: str, values: Mapping[str, float]) -> str:
             ) from error
         estimate = ahead @ estimate @ frame.T
         if link.joint is not None:
-            estimate = estimate @ _moved(_axis(link.joint), offset, _MOVING[link.joint.type])
-        pose = _pose_of(np.linalg.inv(link.before) @ estimate)
+            estimate = estimate @ moved(axis_of(link.joint), offset, MOVING[link.joint.type])
+        pose = pose_of(np.linalg.inv(link.before) @ estimate)
         element = elements[link.name]
         origin = element.find("origin")
         if origin is None:
@@ -205,51 +206,7 @@ def calibrated_urdf(text: str, tip: str, values: Mapping[str, float]) -> str:
     return prolog + str(etree.tostring(document, encoding="unicode")) + "\n"
 
 
-def _parsed(text: str) -> urdf.URDF:
-    try:
-        robot = urdf.URDF.from_xml_string(text.encode("utf-8"))
-    except (
-        SyntaxError, reflection.ParseError, AssertionError, AttributeError, TypeError, ValueError
-    ) as error:  # fmt: skip
-        # The parser takes what it expects for granted: a text where there is none, and the like.
-        raise RigError(f"not a URDF: {error}") from error
-    return robot
-
-
-def _chain(robot: urdf.URDF, tip: str) -> list[_Link]:
-    """The moving joints from the root to ``tip``, then what is fixed behind the last of them."""
-    if tip not in robot.link_map:
-        raise RigError(f"the URDF has no link '{tip}'; it has: {', '.join(sorted(robot.link_map))}")
-    names: list[str] = []
-    link = tip
-    while link in robot.parent_map:
-        name, link = robot.parent_map[link]
-        if name in names:
-            raise RigError(f"the links above '{tip}' form a loop through the joint '{name}'")
-        names.append(name)
-    out: list[_Link] = []
-    before, last, owner = np.eye(4), np.eye(4), None
-    for name in reversed(names):
-        joint = robot.joint_map[name]
-        before = before @ last
-        last, owner = _origin(joint), name
-        if joint.type in _MOVING:
-            if joint.mimic is not None:
-                raise RigError(
-                    f"joint '{name}' mimics '{joint.mimic.joint}', which no rig describes"
-                )
-            out.append(_Link(joint, before, last, name))
-            before, last, owner = np.eye(4), np.eye(4), None
-        elif joint.type != "fixed":
-            raise RigError(
-                f"joint '{name}' is of type {joint.type}, expected fixed, revolute, continuous or prismatic"
-            )
-    if not out:
-        raise RigError(f"no joint moves between the root of the URDF and the link '{tip}'")
-    return [*out, _Link(None, before, last, owner)]
-
-
-def _frames(links: Sequence[_Link]) -> list[Array]:
+def _frames(links: Sequence[Link]) -> list[Array]:
     """For each link a rotation (4, 4): how the rig's frame behind it is turned against the URDF's.
 
     No ry of a joint, of the tip or of a fixture where the tip is at home is then near a right
@@ -261,7 +218,7 @@ def _frames(links: Sequence[_Link]) -> list[Array]:
         end = end @ link.transform
         if link.joint is not None:
             joint = link.joint
-            end = end @ _moved(_axis(joint), _home(joint), _MOVING[joint.type])
+            end = end @ moved(axis_of(joint), home_of(joint), MOVING[joint.type])
     last = _ASIDE if _is_steep(end) else _NONE
     tip = links[-1]
     out: list[Array] = []
@@ -287,70 +244,6 @@ def _frames(links: Sequence[_Link]) -> list[Array]:
 def _is_steep(transform: Array) -> bool:
     """Whether ry of a transform (4, 4) is near a right angle: its x axis is upright."""
     return bool(np.hypot(transform[0, 0], transform[1, 0]) < _STEEP)
-
-
-def _origin(joint: urdf.Joint) -> Array:
-    if joint.origin is None:
-        return np.eye(4)
-    x, y, z = joint.origin.xyz or (0.0, 0.0, 0.0)
-    rx, ry, rz = joint.origin.rpy or (0.0, 0.0, 0.0)
-    if not np.isfinite([x, y, z, rx, ry, rz]).all():
-        raise RigError(f"joint '{joint.name}' has an origin that is not of finite numbers")
-    return _transform(x, y, z, rx, ry, rz)
-
-
-def _axis(joint: urdf.Joint) -> Array:
-    axis = np.array(joint.axis if joint.axis is not None else (1.0, 0.0, 0.0), dtype=np.float64)
-    largest = float(np.abs(axis).max())
-    if not 0 < largest < np.inf:
-        raise RigError(
-            f"joint '{joint.name}' has an axis of length {largest:g}, expected a direction"
-        )
-    axis = axis / largest
-    return np.asarray(axis / np.linalg.norm(axis))
-
-
-def _home(joint: urdf.Joint) -> float:
-    """The middle of the limits, where it has any."""
-    if joint.limit is None or joint.type == "continuous":
-        return 0.0
-    home = 0.5 * float(joint.limit.lower) + 0.5 * float(joint.limit.upper)
-    if not np.isfinite(home):
-        raise RigError(f"joint '{joint.name}' has limits that are not finite numbers")
-    return home
-
-
-def _moved(axis: Array, size: float, kind: str) -> Array:
-    """(4, 4), a turn about or a slide along ``axis`` (3,) by ``size``; Rodrigues' formula."""
-    out = np.eye(4)
-    if kind == "prismatic":
-        out[:3, 3] = axis * size
-        return out
-    x, y, z = axis
-    hat = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    out[:3, :3] += np.sin(size) * hat + (1.0 - np.cos(size)) * (hat @ hat)
-    return out
-
-
-def _transform(x: float, y: float, z: float, rx: float, ry: float, rz: float) -> Array:
-    """(4, 4), Tx Ty Tz Rz Ry Rx."""
-    turns = [_moved(unit, a, "revolute") for unit, a in zip(np.eye(3), (rx, ry, rz), strict=True)]
-    out = turns[2] @ turns[1] @ turns[0]
-    out[:3, 3] = x, y, z
-    return np.asarray(out)
-
-
-def _pose_of(transform: Array) -> tuple[float, ...]:
-    """x, y, z, rx, ry, rz of a transform (4, 4)."""
-    turn = transform[:3, :3]
-    level = float(np.hypot(turn[0, 0], turn[1, 0]))
-    ry = float(np.arctan2(-turn[2, 0], level))
-    if level > _LOCKED:
-        rx, rz = np.arctan2(turn[2, 1], turn[2, 2]), np.arctan2(turn[1, 0], turn[0, 0])
-    else:
-        rx, rz = np.arctan2(-turn[1, 2], turn[1, 1]), 0.0
-    # Adding 0 turns -0.0 into 0.0, which reads better in a file.
-    return tuple(float(value) + 0.0 for value in (*transform[:3, 3], rx, ry, rz))
 
 
 def _uncertain(value: float, width: float) -> str:

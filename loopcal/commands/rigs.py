@@ -62,6 +62,13 @@ def from_urdf(
         float, typer.Option(min=0.0, help="Uncertainty of each joint's zero besides; 0: exact.")
     ] = 0.0,
     noise_mrad: Annotated[float, typer.Option(min=0.0, help="Noise of one joint reading.")] = 0.2,
+    gravity_compensated: Annotated[
+        bool,
+        typer.Option(
+            "--gravity-compensated",
+            help="Each joint carries the weight that it moves while the arm stands, as in hand guiding.",
+        ),
+    ] = False,
     exact_tip: Annotated[
         bool, typer.Option("--exact-tip", help="The transform to the tip is known exactly.")
     ] = False,
@@ -78,7 +85,15 @@ def from_urdf(
         tip=not exact_tip,
     )
     with explained():
-        write_rig(urdf, tip, constraint, tuple(fixture or ("fixture",)), doubts, output)
+        write_rig(
+            urdf,
+            tip,
+            constraint,
+            tuple(fixture or ("fixture",)),
+            doubts,
+            output,
+            gravity_compensated=gravity_compensated,
+        )
     out.print(f"wrote {output}", markup=False)
 
 

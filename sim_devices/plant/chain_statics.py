@@ -10,6 +10,9 @@ many drives as the loop has freedoms this has one solution; with more, that of l
 taken, as of drives that share alike. The wrench w at the fixture is the one that does the same
 work as lambda: C* lambda = G* w, where G dq is the twist of the chain's end.
 
+An arm that compensates its own weight needs neither: each drive exerts tau_j = -Q_j, and nothing
+rests on the fixture.
+
 With S_j the first moment and M_j the mass of what joint j moves against the base, a revolute
 joint has Q_j = axis_j . (S_j - M_j o_j) x g, a prismatic one M_j axis_j . g.
 
@@ -60,10 +63,13 @@ def has_weights(rig: Rig) -> bool:
     return (
         isinstance(mechanism, SerialMechanism)
         and rig.gravity is not None
-        and rig.plan is not None
-        and bool(rig.plan.drives)
+        and (_compensated(mechanism) or (rig.plan is not None and bool(rig.plan.drives)))
         and any(joint.mass for joint in mechanism.joints)
     )
+
+
+def _compensated(mechanism: SerialMechanism) -> bool:
+    return mechanism.standing == "gravity-compensated"
 
 
 class ChainStatics:
@@ -73,7 +79,7 @@ class ChainStatics:
         mechanism: with masses.
         values: parameters, SI, by name.
         gravity: (3,) in the base frame [m/s^2].
-        drives: joints that hold; the others are free.
+        drives: joints that hold; the others are free. Under gravity compensation all hold.
     """
 
     def __init__(
@@ -87,6 +93,7 @@ class ChainStatics:
         names = mechanism.places
         self._chain = Chain(mechanism)
         self._revolute = np.array([joint.type == "revolute" for joint in joints])
+        self._compensated = _compensated(mechanism)
         self._held = [names.index(drive) for drive in drives]
         self._base = 0 if mechanism.base is None else names.index(mechanism.base) + 1
         self._gravity = gravity
@@ -111,6 +118,9 @@ class ChainStatics:
         of_turn = np.sum(axis * cross(lever, gravity[:, None]), axis=2)
         of_slide = mass * np.sum(axis * gravity[:, None], axis=2)
         work = np.where(self._revolute, of_turn, of_slide)
+        if self._compensated:
+            nothing = np.zeros((len(work), 3))
+            return ChainLoads(-work, nothing, nothing)
 
         _, rate = self._chain.closure_of(turns, frames, origins)
         held = np.eye(variables.shape[1])[self._held]

@@ -46,7 +46,9 @@ class FixtureCompliance(FixtureEffect):
 
     @classmethod
     def untestable(cls, site: Site, where: str, at: Circumstances) -> str | None:
-        return unloaded(site) if at.force is None else None
+        if at.force is None:
+            return unloaded(site)
+        return None if at.force.any() else "nothing presses on the fixture"
 
     @classmethod
     def read(cls, site: Site, described: DescribedEffect) -> Self:

@@ -12,6 +12,8 @@ it does not, drives could brace themselves against each other, and nobody knows 
 load is given. Of a platform, tensions T with dV/du + (dL/du)' T = 0; where there are more legs than
 freedoms equal legs share, which is the solution of least norm.
 
+Of an arm under gravity compensation tau_j = dV/du_j at every joint, and the fixture bears nothing.
+
 Owns loads at given coordinates. What yields under them is the business of effects.
 """
 
@@ -88,11 +90,14 @@ def loads(
         return Loads(None, None, why)
     if isinstance(rig.mechanism, PlatformMechanism):
         return _on_legs(rig, rig.mechanism, coordinates, parameters)
+    if rig.mechanism.standing == "gravity-compensated":
+        return _compensated(rig, rig.mechanism, coordinates, parameters)
     if held is None:
         return Loads(
             None,
             None,
-            "nobody recorded which joints a drive held: loads are computed for driven sessions",
+            "nobody recorded which joints a drive held: loads are computed for driven sessions, and where the "
+            'mechanism has standing = "gravity-compensated"',
         )
     torque = np.zeros((len(coordinates), held.shape[1]))
     force = np.zeros((len(coordinates), 3))
@@ -109,6 +114,24 @@ def loads(
         else:
             force[rows] = found.force
     return Loads(torque, None if why else force, why)
+
+
+def _compensated(rig: Rig, mechanism: SerialMechanism, coordinates: Array, values: Array) -> Loads:
+    """Loads of a chain each of whose joints carries the weight of what it moves."""
+    plain = rig.model_copy(update={"effects": ()})
+    table = parameters(plain)
+    x = np.concatenate([values[: len(table)], np.zeros(len(imperfections(plain)))])
+    weight, _ = _weight(plain, mechanism, coordinates, x)
+    torque = weight[:, : len(mechanism.joints)]
+    slack = [k for k, place in enumerate(mechanism.places) if rig.sensed_by(place) is None]
+    if np.abs(torque[:, slack]).max(initial=0.0) > _BALANCED * float(np.abs(torque).max()):
+        names = ", ".join(mechanism.places[k] for k in slack)
+        return Loads(
+            None,
+            None,
+            f"weight rests on joints without a sensor ({names}), which have no drive to compensate it",
+        )
+    return Loads(torque, np.zeros((len(coordinates), 3)))
 
 
 def _in_chain(

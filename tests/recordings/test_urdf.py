@@ -188,3 +188,60 @@ def test_without_right_angles_frames_are_those_of_the_urdf(constraint: str) -> N
     assert "permuted" not in toml
     found = values(toml)
     assert (found["j2.rx"], found["j2.ry"]) == pytest.approx((0.6, 0.2))
+
+
+HEAVY = """<robot name="heavy">
+  <link name="base"><inertial><mass value="9"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <link name="upper"><inertial><origin xyz="0 0 0.1"/><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <link name="lower"><inertial><origin xyz="0.2 0 0"/><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <link name="tool"><inertial><mass value="3"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <link name="finger"><inertial><mass value="4"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <joint name="first" type="revolute"><parent link="base"/><child link="upper"/><origin xyz="0 0 1"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="second" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0 0 1" rpy="1.5707963267948966 0 0"/><axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="flange" type="fixed"><parent link="lower"/><child link="tool"/><origin xyz="0 0.4 0"/></joint>
+  <joint name="grip" type="prismatic"><parent link="tool"/><child link="finger"/><origin xyz="0 0 0.1"/><axis xyz="0 1 0"/><limit lower="0" upper="0.05" effort="1" velocity="1"/></joint>
+</robot>
+"""
+
+
+def test_weights_of_links_and_of_what_hangs_on_them_become_those_of_joints() -> None:
+    rig = parse_rig(rig_from_urdf(HEAVY, "tool", "ball", gravity_compensated=True))
+    first, second = rig.mechanism.joints
+    assert (first.mass, second.mass) == (2.0, 8.0)  # lower, tool, and finger on the tool
+    np.testing.assert_allclose(first.com, (0.0, 0.0, 0.1), atol=1e-12)
+    np.testing.assert_allclose(second.com, (0.2 / 8, 7 * 0.4 / 8, 4 * 0.1 / 8), atol=1e-12)
+    assert rig.gravity == pytest.approx((0.0, 0.0, -9.80665))
+    assert rig.mechanism.standing == "gravity-compensated"
+
+
+def test_centres_of_mass_follow_a_frame_whose_axes_are_permuted() -> None:
+    upright = HEAVY.replace('rpy="1.5707963267948966 0 0"', 'rpy="0 1.5707963267948966 0"')
+    text = rig_from_urdf(upright, "tool", "ball")
+    assert "axes permuted" in text
+    rig = parse_rig(text)
+    tip = np.array([values(text)[f"tip.{axis}"] for axis in "xyz"])
+    centre = np.array(rig.mechanism.joints[1].com)
+    # In the URDF's frame the tool is at (0, 0.4, 0) and the centre at (0.025, 0.35, 0.05).
+    assert np.linalg.norm(tip) == pytest.approx(0.4)
+    assert centre @ tip == pytest.approx(0.35 * 0.4)
+    assert np.linalg.norm(centre) == pytest.approx(np.linalg.norm([0.025, 0.35, 0.05]))
+
+
+def test_without_masses_a_rig_says_nothing_of_gravity() -> None:
+    rig = parse_rig(rig_from_urdf(PANDA, "ball_link", "ball"))
+    assert rig.gravity is None
+    assert all(joint.mass is None for joint in rig.mechanism.joints)
+    assert rig.mechanism.standing == "on-drives"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('<mass value="2"/>', '<mass value="-2"/>', "'upper' has the mass -2 kg"),
+        ('<mass value="2"/>', '<mass value="inf"/>', "weigh inf kg"),
+        ('<origin xyz="0.2 0 0"/>', '<origin xyz="nan 0 0"/>', "'lower' and what hangs on it"),
+    ],
+)
+def test_weights_that_cannot_be(old: str, new: str, message: str) -> None:
+    with pytest.raises(RigError, match=message):
+        rig_from_urdf(HEAVY.replace(old, new), "tool", "ball")

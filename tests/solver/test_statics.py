@@ -253,3 +253,31 @@ def test_several_sets_of_drives_are_told_apart() -> None:
         torque = loads(rig, u[None], x, alone).torque
         assert torque is not None
         np.testing.assert_allclose(both.torque[row], torque[0], atol=1e-9)
+
+
+def compensated(rig: Rig) -> Rig:
+    mechanism = rig.mechanism.model_copy(update={"standing": "gravity-compensated"})
+    return rig.model_copy(update={"mechanism": mechanism})
+
+
+def test_under_gravity_compensation_each_joint_raises_what_it_moves_by_itself() -> None:
+    rig = compensated(load_rig("arm"))
+    u = closed(rig, {}, homes(rig), np.zeros(3))
+    found = loads(rig, u[None], nominal(rig), None)
+    assert found.torque is not None
+    step = 1e-5
+    for joint in range(len(rig.mechanism.places)):
+        each = step * np.eye(len(u))[joint]
+        work = (energy(rig, u + each) - energy(rig, u - each)) / (2 * step)
+        assert found.torque[0, joint] == pytest.approx(work, abs=1e-6)
+    assert np.abs(found.torque).max() > 1.0
+    np.testing.assert_array_equal(found.force, 0.0)
+
+
+def test_weight_on_a_joint_that_nobody_senses_cannot_be_compensated() -> None:
+    rig = compensated(load_rig("arm"))
+    slack = rig.model_copy(update={"channels": tuple(c for c in rig.channels if c.name != "q2")})
+    u = closed(rig, {}, homes(rig), np.zeros(3))
+    found = loads(slack, u[None], nominal(slack), None)
+    assert found.torque is None
+    assert "joint2" in found.why

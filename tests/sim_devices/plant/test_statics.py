@@ -8,7 +8,7 @@ import pytest
 from recordings.rig import parse_rig, rig_text
 from sim_devices.plant.chain import chain_geometry, displaced
 from sim_devices.plant.creation import make_nature
-from sim_devices.plant.effects.loads import loads_of
+from sim_devices.plant.effects.loads import Loads, loads_of
 from sim_devices.plant.loop import Loop
 from sim_devices.plant.plate import Plate, plate_geometry
 from sim_devices.plant.quaternion import IDENTITY, about, product, turn
@@ -215,3 +215,21 @@ def test_weights_scale_the_loads(stood):
     )  # fmt: skip
     twice = loads_of(heavier, {}).of_plate(geometry, np.hstack([turned, shifted]))
     np.testing.assert_allclose(twice.tension, 2 * loads.tension, rtol=1e-9)
+
+
+def test_under_gravity_compensation_each_drive_raises_what_its_joint_moves(standing):
+    rig, values, geometry, at, _ = standing
+    mechanism = rig.mechanism.model_copy(update={"standing": "gravity-compensated"})
+    balanced = rig.model_copy(update={"mechanism": mechanism, "plan": None})
+    loads = loads_of(balanced, values).of_chain(geometry, at)
+    for joint in range(at.shape[1]):
+        step = STEP * np.eye(at.shape[1])[joint]
+        raised = [arm_energy(rig, values, row + step) for row in at]
+        lowered = [arm_energy(rig, values, row - step) for row in at]
+        difference = (np.array(raised) - lowered) / (2 * STEP)
+        np.testing.assert_allclose(loads.torque[:, joint], difference, atol=1e-6)
+    assert np.abs(loads.torque).max() > 1.0
+    assert not loads.force.any()
+    assert not loads.moment.any()
+    assert Loads.known(balanced)
+    assert not Loads.known(rig.model_copy(update={"plan": None}))
