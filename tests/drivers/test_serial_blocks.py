@@ -10,6 +10,7 @@ from contextlib import contextmanager
 import pytest
 
 from drivers.serial_blocks import SerialBlocks, open_blocks
+from tests.drivers.patience import PATIENCE_S
 
 Opened = tuple[SerialBlocks, Callable[[bytes], None]]
 
@@ -48,7 +49,7 @@ def test_what_has_come_is_read_at_once(line, opened):
         send(b"x" * 500)
         came = b""
         while len(came) < 500:
-            block = port.read(2.0)
+            block = port.read(PATIENCE_S)
             assert block
             came += block
         assert came == b"x" * 500
@@ -58,7 +59,7 @@ def test_a_pty_that_is_gone_says_so(line):
     port = open_blocks(line.path, baudrate=115_200)
     line.unplug()
     with pytest.raises(OSError, match=r"Input/output error|gives nothing"):
-        port.read(1.0)
+        port.read(PATIENCE_S)
     port.close()
 
 

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.slcan import AdapterClock, Garbled, LineBuffer, SlcanBus, decode, encode
+from tests.drivers.patience import PATIENCE_S
 
 # The examples of the CAN232 manual: "t10021133", "T0000010021133", "r1002", "R000001002".
 MANUAL = [
@@ -142,7 +143,7 @@ def test_the_estimate_follows_a_clock_that_drifts():
 def test_malformed_lines_are_counted_and_passed_over(line):
     bus = SlcanBus(line.path, sleep_after_open=0.0)
     line.write(b"t1812ZZ00\rt1812AABB\rgarbage\rt18120011EA60\rt1812CCDD0005\r")
-    frames = [bus.recv(2.0), bus.recv(2.0)]
+    frames = [bus.recv(PATIENCE_S), bus.recv(PATIENCE_S)]
     assert [bytes(frame.data) for frame in frames] == [b"\xaa\xbb", b"\xcc\xdd"]
     assert [frame.adapter_ns for frame in frames] == [None, 5_000_000]
     assert bus.malformed == 3
@@ -153,7 +154,7 @@ def test_an_adapter_that_goes_away_is_an_error_of_python_can(line):
     bus = SlcanBus(line.path, sleep_after_open=0.0)
     line.unplug()
     with pytest.raises(can.CanOperationError, match="is gone"):
-        bus.recv(2.0)
+        bus.recv(PATIENCE_S)
     bus.shutdown()
 
 
@@ -166,7 +167,7 @@ def test_other_programs_find_it_by_its_name(line):
     with can.Bus(interface="loopcal-slcan", channel=line.path, sleep_after_open=0.0) as bus:
         assert isinstance(bus, SlcanBus)
         line.write(b"t1230\r")
-        assert bus.recv(2.0).arbitration_id == 0x123
+        assert bus.recv(PATIENCE_S).arbitration_id == 0x123
 
 
 def test_a_listener_of_python_can_gets_every_frame_of_a_block(line):
@@ -180,7 +181,7 @@ def test_a_listener_of_python_can_gets_every_frame_of_a_block(line):
     bus = SlcanBus(line.path, sleep_after_open=0.0)
     notifier = can.Notifier(bus, [listen], timeout=0.05)
     line.write(b"".join(b"t%03X0\r" % number for number in range(50)))
-    assert done.wait(5.0)
+    assert done.wait(PATIENCE_S)
     notifier.stop()
     bus.shutdown()
     assert seen == list(range(50))
@@ -191,11 +192,11 @@ def test_an_adapter_on_a_socket_is_read_in_blocks_too():
         bus = SlcanBus(f"socket://127.0.0.1:{server.getsockname()[1]}", sleep_after_open=0.0)
         peer, _ = server.accept()
         peer.sendall(b"".join(b"t1234%08X\r" % number for number in range(2000)))
-        seen = [int.from_bytes(bus.recv(2.0).data, "big") for _ in range(2000)]
+        seen = [int.from_bytes(bus.recv(PATIENCE_S).data, "big") for _ in range(2000)]
         assert seen == list(range(2000))
         peer.close()
         with pytest.raises(can.CanOperationError, match="is gone"):
-            bus.recv(2.0)
+            bus.recv(PATIENCE_S)
         bus.shutdown()
 
 
@@ -216,7 +217,7 @@ def test_a_flood_is_taken_without_a_loss(line):
     writer = threading.Thread(target=flood)
     writer.start()
     seen = []
-    while len(seen) < count and (message := bus.recv(2.0)) is not None:
+    while len(seen) < count and (message := bus.recv(PATIENCE_S)) is not None:
         seen.append(int.from_bytes(message.data, "big"))
     writer.join()
     bus.shutdown()
