@@ -9,7 +9,7 @@ import subprocess
 import sys
 import textwrap
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import can
@@ -21,7 +21,7 @@ from sim_devices.errors import PortTaken, PortUnavailable
 from sim_devices.faults.wiring import Wiring
 from sim_devices.modbus import crc16
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 
 
 class HandClock:
@@ -139,6 +139,17 @@ def test_signals_end_a_bench_process_cleanly(tmp_path: Path, number: signal.Sign
         _, errors = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, errors) == (0, b"")
     assert not path.is_symlink()
+
+
+def test_devices_have_booted_before_a_host_is_let_in(shoulder_here: Rig, plant) -> None:
+    stop, order = threading.Event(), []
+
+    def ready(_addresses: Mapping[str, str]) -> None:
+        order.append("ready")
+        stop.set()
+
+    run_bench(shoulder_here, plant, stop=stop, ready=ready, each_tick=lambda: order.append("tick"))
+    assert order == ["tick", "ready"]
 
 
 def test_signal_handlers_are_put_back() -> None:

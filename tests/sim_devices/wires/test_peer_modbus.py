@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import minimalmodbus
 import pytest
@@ -14,7 +14,7 @@ from tests.drivers.families import FAMILIES
 
 pytestmark = [pytest.mark.wires, pytest.mark.usefixtures("no_leaks")]
 
-PATIENCE_S = 5.0
+PATIENCE_S = 60.0
 
 
 @pytest.fixture
@@ -89,10 +89,21 @@ def test_minimalmodbus_reads_and_writes(instrument: minimalmodbus.Instrument) ->
 def test_minimalmodbus_sees_exceptions(instrument: minimalmodbus.Instrument) -> None:
     # It waits its whole timeout for the bytes that an exception response does not have.
     instrument.serial.timeout = 0.5
-    with pytest.raises(minimalmodbus.IllegalRequestError):
-        instrument.read_register(300)
-    with pytest.raises(minimalmodbus.IllegalRequestError):
-        instrument.write_register(0xF000, 65, functioncode=6)
+    assert refused(lambda: instrument.read_register(300))
+    assert refused(lambda: instrument.write_register(0xF000, 65, functioncode=6))
+
+
+def refused(ask: Callable[[], object]) -> bool:
+    """Whether a request is refused; asked again while the far end is late, and nothing comes."""
+    for _ in range(int(PATIENCE_S / 0.5)):
+        try:
+            ask()
+        except minimalmodbus.NoResponseError:
+            continue
+        except minimalmodbus.IllegalRequestError:
+            return True
+        return False
+    return False
 
 
 def test_another_unit_is_silent(address: str) -> None:

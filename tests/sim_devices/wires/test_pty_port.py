@@ -13,6 +13,8 @@ from sim_devices.errors import PortTaken, PortUnavailable
 from sim_devices.pty_port import MOST_WAITING, PtyPort
 from tests.sim_devices.wires.echo import EchoLine
 
+PATIENCE_S = 60.0
+
 
 @pytest.fixture
 def port(tmp_path: Path, line: EchoLine) -> Iterator[PtyPort]:
@@ -38,7 +40,7 @@ def host(port: PtyPort) -> Iterator[Callable[[], int]]:
 
 
 def arrived(descriptor: int) -> bytes:
-    assert select.select([descriptor], [], [], 5)[0], "nothing came through"
+    assert select.select([descriptor], [], [], PATIENCE_S)[0], "nothing came through"
     return os.read(descriptor, 65_536)
 
 
@@ -47,7 +49,7 @@ def test_bytes_pass_unchanged_both_ways(port: PtyPort, host) -> None:
     port.tick(0.0)
     every = bytes(range(256))
     os.write(descriptor, every)
-    assert select.select([port.fileno()], [], [], 5)[0]
+    assert select.select([port.fileno()], [], [], PATIENCE_S)[0]
     port.serve(0.0)
     assert arrived(descriptor) == every
 
@@ -70,7 +72,7 @@ def test_next_host_does_not_get_what_the_last_left_unread(
     port.tick(0.0)
     line.due = b"stale"
     port.tick(0.1)
-    assert select.select([first], [], [], 5)[0]
+    assert select.select([first], [], [], PATIENCE_S)[0]
     os.close(first)
     port.serve(0.2)
     line.due = b"to nobody"

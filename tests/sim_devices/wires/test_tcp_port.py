@@ -12,6 +12,8 @@ from sim_devices.errors import PortTaken, PortUnavailable
 from sim_devices.tcp_port import MOST_WAITING, TcpServerPort
 from tests.sim_devices.wires.echo import EchoLine
 
+PATIENCE_S = 60.0
+
 pytestmark = pytest.mark.usefixtures("no_leaks")
 
 
@@ -24,7 +26,7 @@ def port(line: EchoLine) -> Iterator[TcpServerPort]:
 
 
 def connect(port: TcpServerPort) -> socket.socket:
-    host = socket.create_connection(("127.0.0.1", int(port.address.rpartition(":")[2])), 5.0)
+    host = socket.create_connection(("127.0.0.1", int(port.address.rpartition(":")[2])), PATIENCE_S)
     await_readable(port)
     port.serve(0.0)
     return host
@@ -33,7 +35,7 @@ def connect(port: TcpServerPort) -> socket.socket:
 def await_readable(port: TcpServerPort) -> None:
     descriptor = port.fileno()
     assert descriptor is not None
-    assert select.select([descriptor], [], [], 5.0)[0]
+    assert select.select([descriptor], [], [], PATIENCE_S)[0]
 
 
 def test_a_host_is_greeted_and_answered(port: TcpServerPort, line: EchoLine) -> None:
