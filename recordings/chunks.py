@@ -126,8 +126,9 @@ class _Walk:
         """Pass over sound message indexes, one a topic behind each chunk, as far as is read ahead."""
         held, before = self._stream.held()
         stop = min(len(held), before + self._stop - self._stream.at)
+        last = stop - _INDEX.size
         at = before
-        while at + _INDEX.size <= stop:
+        while at <= last:
             opcode, length, _, count = _INDEX.unpack_from(held, at)
             end = at + HEAD_BYTES + length
             if opcode != MESSAGE_INDEX or count != length - 6 or end > stop:

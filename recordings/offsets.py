@@ -55,23 +55,27 @@ def leading_bytes(data: bytes) -> int:
 
 def _walk_rows(data: bytes) -> tuple[NDArray[np.int64], int] | None:
     """As `record_offsets`; None where there are few records of one length in a row."""
-    found = [np.empty(0, np.int64)]
+    last = len(data) - HEAD_BYTES
+    rows: list[tuple[int, int, int]] = []  # where it begins, how many records, bytes of each
     at = 0
-    while at + HEAD_BYTES <= len(data):
+    while at <= last:
         (length,) = _LENGTH.unpack_from(data, at + 1)
         span = HEAD_BYTES + length
-        fitting = min(len(data) - at, max(_AHEAD, span)) // span
-        if fitting == 0:
+        behind = at + span
+        if behind > len(data):
             break
         count = 1
-        if fitting > 1 and _LENGTH.unpack_from(data, at + span + 1) == (length,):
+        if behind <= last and data[behind + 1 : behind + HEAD_BYTES] == data[at + 1 : at + 9]:
+            fitting = min(len(data) - at, max(_AHEAD, span)) // span
             same = np.ndarray((fitting,), "<u8", data, at + 1, (span,)) == length
             count = fitting if same.all() else int(np.argmin(same))
-        found.append(np.arange(at, at + count * span, span))
+        rows.append((at, count, span))
         at += count * span
-        if len(found) > _FIRST_ROWS and at < _FEWEST_BYTES * len(found):
+        if len(rows) > _FIRST_ROWS and at < _FEWEST_BYTES * len(rows):
             return None
-    return np.concatenate(found), at
+    start, count_of, span_of = np.array(rows, np.int64).reshape(-1, 3).T
+    number = np.arange(count_of.sum()) - np.repeat(np.cumsum(count_of) - count_of, count_of)
+    return np.repeat(start, count_of) + np.repeat(span_of, count_of) * number, at
 
 
 def _candidates(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -11,6 +11,7 @@ import struct
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
@@ -61,8 +62,7 @@ class Channel:
     message_encoding: str
 
 
-@dataclass(frozen=True, slots=True)
-class Chunk:
+class Chunk(NamedTuple):
     """Compressed records with the time span of their messages [ns]."""
 
     start_ns: int
@@ -88,13 +88,7 @@ class _Fields:
         return int.from_bytes(self.take(size), "little")
 
     def text(self) -> str:
-        return self.letters(self.number(4))
-
-    def letters(self, size: int) -> str:
-        try:
-            return self.take(size).decode("utf-8")
-        except UnicodeDecodeError as error:
-            raise Malformed("a text that is not UTF-8") from error
+        return _text(self.take(self.number(4)))
 
     def take(self, size: int) -> bytes:
         end = self._at + size
@@ -103,6 +97,13 @@ class _Fields:
         part = self._data[self._at : end]
         self._at = end
         return part
+
+
+def _text(letters: bytes) -> str:
+    try:
+        return letters.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise Malformed("a text that is not UTF-8") from error
 
 
 def parse_header(content: bytes) -> tuple[str, str]:
@@ -172,12 +173,16 @@ def parse_footer(content: bytes) -> tuple[int, int, int]:
 
 def parse_chunk(content: bytes) -> Chunk:
     """A Chunk record, still compressed."""
-    fields = _Fields(content)
-    start_ns, end_ns, size, crc, letters = _CHUNK.unpack(fields.take(_CHUNK.size))
-    compression = fields.letters(letters)
-    data = fields.take(fields.number(8))
-    if fields.left:
-        raise Malformed(f"a chunk with {fields.left} bytes too many")
+    data_at = _CHUNK.size + 8  # and the letters of the compression
+    if len(content) >= data_at:
+        start_ns, end_ns, size, crc, letters = _CHUNK.unpack_from(content)
+        data_at += letters
+    if len(content) < data_at:
+        raise Malformed(f"a chunk of {len(content)} bytes, shorter than its head")
+    compression = _text(content[_CHUNK.size : data_at - 8])
+    data, length = content[data_at:], int.from_bytes(content[data_at - 8 : data_at], "little")
+    if len(data) != length:
+        raise Malformed(f"a chunk with {len(data)} bytes of data that should have {length}")
     return Chunk(start_ns, end_ns, size, crc, compression, data)
 
 
