@@ -42,7 +42,6 @@ _LACK = 0.01  # p of the lack of fit below which a model is not enough
 _STRANGE = 0.01  # the same of patterns of no known effect
 _SHAPE = 0.03  # of what is named: less is but its exact shape
 _GAIN = 2.0  # standard errors of the held-out gain that an answer without a floor needs
-_ABOVE = 3.0  # standard errors by which what is left may exceed the floor
 _UNSUPPORTED = (
     "Known effects come near ({}), but without revisits only poses that took no part can bear a name out, "
     "and they do not: too little of their gap closes. Record poses again, to learn the noise floor."
@@ -140,7 +139,7 @@ def _supported(gap: HeldOut | None) -> bool:
     gain = gap.each_before - gap.each_after
     gain = gain[~np.isnan(gain)]
     error = float(gain.std(ddof=1)) / np.sqrt(len(gain))
-    return bool(gain.mean() > _GAIN * error and gap.above_floor < _ABOVE)
+    return bool(gain.mean() > _GAIN * error and not gap.left_open)
 
 
 def _lags(
@@ -280,8 +279,8 @@ def _concluded(
     if not found.complete or lacking or strange:
         nearest = ", ".join(named.best.effect.label for named in found.named)
         reasons.append(
-            f"Known effects come near ({nearest}), but leave something behind: lack of fit F = {after.ratio:.2f}, "
-            f"p = {after.p:.2g}; strangest pattern p = {left.p:.2g}."
+            f"Known effects come near ({nearest}), but leave something behind. With them: lack of fit F = "
+            f"{after.ratio:.2f}, p = {after.p:.2g}; strangest pattern p = {left.p:.2g}."
         )
         return Verdict.UNKNOWN, tuple(reasons)
     if min(after.p, left.p) < _LACK:

@@ -10,17 +10,23 @@ import numpy as np
 from solver.estimate.identifiability import plausible_error
 from solver.gap.channels import Disagreement
 from solver.gap.fit import Fit
+from solver.gap.floor import Floor
 from solver.gap.held_out import HeldOut
 from solver.samples import PoseTable
 
 _OUTLYING = 6.0  # standard errors
 _MOST = 5  # dwells that are told
-_ABOVE = 3.0  # standard errors by which what is left on held-out poses exceeds the floor
+_APART = 1.5  # times the noise within dwells
+_SOME = 0.1  # of the dwells that may be left out without a word
 _FAR = 10.0  # stated uncertainties, and more than plausible
 
 
 def cautions(
-    fit: Fit, found: Disagreement | None, table: PoseTable, gap: HeldOut | None
+    fit: Fit,
+    found: Disagreement | None,
+    table: PoseTable,
+    gap: HeldOut | None,
+    strange: Floor | None = None,
 ) -> tuple[str, ...]:
     """In sentences for the user.
 
@@ -28,18 +34,45 @@ def cautions(
         fit: the final model.
         found: the disagreement with it; None where single poses are not to be told.
         table: the poses.
-        gap: on held-out poses, with what was named; None where nothing was.
+        gap: on held-out poses; None where there is none, or nothing is missing.
+        strange: the floor, where what is missing has no name.
     """
-    return (*_far(fit), *_unsteady(gap), *(() if found is None else _outlying(found, table)))
+    return (
+        *_left_out(table),
+        *_far(fit),
+        *(_unsteady(gap) if strange is None else _in_noise(gap, strange)),
+        *(() if found is None else _outlying(found, table)),
+    )
+
+
+def _left_out(table: PoseTable) -> tuple[str, ...]:
+    gone, used = table.rejected, len(table.windows)
+    if len(gone) <= _SOME * (len(gone) + used):
+        return ()
+    return (
+        f"{len(gone)} of {len(gone) + used} dwells were left out, and what shows in them is missed (the first: "
+        f"{gone[0].reason}).",
+    )
 
 
 def _unsteady(gap: HeldOut | None) -> tuple[str, ...]:
-    if gap is None or gap.above_floor < _ABOVE:
+    if gap is None or not gap.left_open:
         return ()
     return (
         f"Looked for anew in four fifths of the poses, what is missing leaves a gap of {gap.after:.2f} (standard "
         f"error {gap.after_error:.2g}) in the fifth that took no part, where noise leaves 1: what is named depends "
         "on which poses are used.",
+    )
+
+
+def _in_noise(gap: HeldOut | None, floor: Floor) -> tuple[str, ...]:
+    """Of what differs between visits of one pose, the gap says nothing: its unit is how they differ."""
+    apart = float(np.sqrt(floor.variance))
+    if gap is None or gap.opens or floor.provisional or apart < _APART:
+        return ()
+    return (
+        f"Visits of one pose differ {apart:.1f} times as much as noise within a dwell explains. What differs from visit "
+        f"to visit counts as noise, so that the gap of {gap.before:.2f}, whose unit that noise is, does not show it.",
     )
 
 

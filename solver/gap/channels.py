@@ -47,6 +47,23 @@ def disagreement(fit: Fit, noise: float = 1.0) -> Disagreement:
         noise: standard deviation of the noise in units of the assumed one.
     """
     model, observed = fit.model, fit.observed
+    share = checked(fit)
+    rig = model.site.rig
+    angular = np.array([rig.dimension_of(c.senses) == "angle" for c in rig.channels])
+    shown = np.where(angular, 180.0 / np.pi, 1.0)
+    gain = fit.parameters[model.sensing.gain] * shown
+    return Disagreement(
+        model.channels,
+        tuple("deg" if a else "m" for a in angular),
+        gain * observed.sigma * fit.residual / share,
+        np.abs(gain) * observed.sigma * noise / np.sqrt(share),
+        fit.values * shown,
+    )
+
+
+def checked(fit: Fit) -> Array:
+    """(P, C) share of each reading that the rest of the loop checks; NaN where it checks nothing."""
+    model, observed = fit.model, fit.observed
     here = model.linearise(
         fit.settled.coordinates,
         fit.parameters,
@@ -59,17 +76,5 @@ def disagreement(fit: Fit, noise: float = 1.0) -> Disagreement:
     response, _ = eliminated(
         here, observed, unit, np.zeros((poses, here.closure.shape[1], channels))
     )
-    checked = np.einsum("pcc->pc", response)
-    seen = checked > _UNCHECKED
-    share = np.where(seen, checked, np.nan)
-    rig = model.site.rig
-    angular = np.array([rig.dimension_of(c.senses) == "angle" for c in rig.channels])
-    shown = np.where(angular, 180.0 / np.pi, 1.0)
-    gain = fit.parameters[model.sensing.gain] * shown
-    return Disagreement(
-        model.channels,
-        tuple("deg" if a else "m" for a in angular),
-        gain * observed.sigma * fit.residual / share,
-        np.abs(gain) * observed.sigma * noise / np.sqrt(share),
-        fit.values * shown,
-    )
+    share = np.einsum("pcc->pc", response)
+    return np.where(share > _UNCHECKED, share, np.nan)

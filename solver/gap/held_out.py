@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 FOLDS = 5
 _FEWEST = 10  # poses of which a fifth can be held out
 _SIGNIFICANT = 2.0  # standard errors
+_ABOVE = 3.0  # standard errors by which what is left exceeds the floor
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,16 @@ class HeldOut:
     def above_floor(self) -> float:
         """By how many standard errors what is left exceeds the floor."""
         return (self.after**2 - 1.0) / max(2.0 * self.after * self.after_error, 1e-300)
+
+    @property
+    def opens(self) -> bool:
+        """Whether the model as it was leaves a significant gap."""
+        return self.before - 1.0 > _SIGNIFICANT * self.before_error
+
+    @property
+    def left_open(self) -> bool:
+        """Whether what was found leaves so much that it cannot be the same in all parts of the poses."""
+        return self.above_floor > _ABOVE
 
 
 def held_out(

@@ -21,6 +21,9 @@ from solver.samples import PoseTable
 
 SCHEMA = 1
 
+STRANGEST = 5
+"""Patterns of no known effect that are told."""
+
 ABSORBED = (
     "the parameters that are identified can take up all that it would do at these poses, so that "
     "no reading would show it"
@@ -141,8 +144,14 @@ class Gap:
             self.after,
             self.disagreement_after if explained else None,
             self.table,
-            self.held_out if self.effects else None,
+            self.held_out if self.effects or not explained else None,
+            None if explained else self.floor_before,
         )
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether something was named that poses which took no part do not bear out."""
+        return bool(self.effects) and self.held_out is not None and self.held_out.left_open
 
     @property
     def untested(self) -> tuple[Untestable, ...]:
@@ -202,6 +211,13 @@ def gap_json(gap: Gap, next_poses: str | None = None) -> dict[str, Any]:
             "p_after": gap.floor_after.p,
         },
         "screen_p": gap.p,
+        "patterns": {
+            "p": gap.unknown.p,
+            "strangest": [
+                {"channel": pattern.channel, "over": pattern.over, "chi_square": pattern.explained}
+                for pattern in gap.unknown.strangest(STRANGEST)
+            ],
+        },
         "detection_limits": [
             {"name": limit.name, "where": limit.where, "size": limit.size, "unit": limit.unit}
             for limit in gap.limits

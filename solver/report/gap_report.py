@@ -16,6 +16,7 @@ from solver.report.notation import figures
 from solver.report.pictures.canvas import Picture
 from solver.report.pictures.gap_held_out import held_out_picture
 from solver.report.pictures.gap_maps import disagreements, pose_maps
+from solver.report.pictures.gap_pattern import pattern_picture
 from solver.report.report import template, write_page
 from solver.report.verdict import Fact, Grade
 
@@ -57,8 +58,13 @@ def render_gap(
     gap: Gap, *, recording: Recording, seed: int = 1, next_poses: str | None = None
 ) -> str:
     """The page that `write_gap_report` writes."""
+    strange = gap_words.strangest(gap) if gap.verdict is Verdict.UNKNOWN else ()
     return template("gap.html.jinja").render(
         gap=gap,
+        strange=strange,
+        pattern=pattern_picture(gap.search.after.fit, strange[0], gap_words.pattern(strange[0]))
+        if strange
+        else None,
         rig=recording.rig,
         grade=_grade(gap),
         facts=_facts(gap),
@@ -100,10 +106,11 @@ def _facts(gap: Gap) -> tuple[Fact, ...]:
     if held is None:
         out.append(Fact("Gap", "not tested", gap_words.gap_closed(gap), "caution"))
     else:
-        open_gap = held.before - 1.0 > _SIGNIFICANT * held.before_error
         note = f"on {held.poses} held-out poses, where 1 is noise alone"
         out.append(
-            Fact("Gap as described", figures(held.before), note, "caution" if open_gap else "good")
+            Fact(
+                "Gap as described", figures(held.before), note, "caution" if held.opens else "good"
+            )
         )
         if gap.effects:
             left = held.after - 1.0 > max(_SIGNIFICANT * held.after_error, _SMALL)

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 from recordings.rig import DescribedEffect
 from recordings.rig.quantity import SHOWN
-from solver.gap.result import Gap, Limit, MissingEffect, Rival, Verdict
+from solver.gap.result import STRANGEST, Gap, Limit, MissingEffect, Rival, Verdict
+from solver.gap.unknown import Pattern
 from solver.report.notation import decimals_for, figures, fine_unit, fixed, unit_for
 
 _PHRASES = {
@@ -110,6 +111,8 @@ def headline(gap: Gap) -> str:
                 dict.fromkeys(called(r.name, r.where) for e in gap.effects for r in e.could_also_be)
             )
             told += f" This recording cannot tell it from {others}."
+        if gap.doubtful:
+            told += " Poses that took no part do not bear it out."
     return f"{told} Provisional." if gap.provisional else told
 
 
@@ -197,6 +200,11 @@ def noise_floor(gap: Gap) -> tuple[str, ...]:
     return tuple(told)
 
 
+def alone(found: Pattern) -> str:
+    """How likely chance is to make as much of one pattern that was not chosen from many."""
+    return chance(math.exp(found.log_p))
+
+
 def chance(p: float) -> str:
     """A p-value."""
     return "p < 1e-6" if p < 1e-6 else f"p = {figures(p, 2)}"
@@ -266,15 +274,20 @@ def listed(names: Iterable[str], most: int = 8) -> str:
     return f"{', '.join(every[:most])} and {len(every) - most} more"
 
 
-def advice(gap: Gap) -> tuple[str, ...]:
-    """What to do next, in the order in which to do it."""
+def advice(gap: Gap, *, page: bool = False) -> tuple[str, ...]:
+    """What to do next, in the order in which to do it; ``page`` where the pictures are at hand."""
     out = []
     if gap.provisional:
         out.append(
             "Record again with poses that are visited three times or more ([plan] revisit): "
             "only then is noise known, and the verdict firm."
         )
-    if gap.verdict is Verdict.NAMED:
+    if gap.doubtful:
+        out.append(
+            "Do not build on the name yet. Record more poses, and analyse all together, `loopcal gap FILE MORE`: a name "
+            "that stays, and closes the gap on poses that took no part, can be relied on."
+        )
+    if gap.verdict is Verdict.NAMED and not gap.doubtful:
         out.append(
             "Take the effect into the rig: `--rig-out RIG` writes it with the effect and its size; "
             "`loopcal capture RIG` and `loopcal solve` then calibrate it with everything else."
@@ -286,17 +299,14 @@ def advice(gap: Gap) -> tuple[str, ...]:
             "both recordings together. Until then `--rig-out RIG` writes the likeliest."
         )
     elif gap.verdict is Verdict.UNKNOWN:
-        if gap.unknown.patterns and gap.unknown.p < _STRANGE:
-            strange = gap.unknown.patterns[0]
-            out.append(
-                f"Look at {strange.channel} over {_OVER.get(strange.over, strange.over)}: the strangest pattern "
-                "is there. `--report PAGE` draws every channel's disagreement with the rest of the loop."
-            )
+        if strangest(gap):
+            where = "the picture below" if page else "`--report PAGE` draws it"
+            out.append(f"Look at {pattern(gap.unknown.patterns[0])}: {where}.")
         out.append(
             "Check what no description covers: a loose part, a wrong mechanism or fixture in the rig, a channel "
             "that is wired to another joint. You can add effects of your own (docs/howto-own-effect.md)."
         )
-    else:
+    elif gap.verdict is Verdict.NOTHING:
         out.append(
             "Nothing needs to be done. Effects below the detection limits may still be at work."
         )
@@ -307,10 +317,25 @@ def advice(gap: Gap) -> tuple[str, ...]:
     return tuple(out)
 
 
-_STRANGE = 0.05
+def strangest(gap: Gap) -> tuple[Pattern, ...]:
+    """The patterns of no known effect that are left, most significant first; none where they may be chance."""
+    return gap.unknown.strangest(STRANGEST) if gap.unknown.p < _STRANGE else ()
+
+
+def pattern(found: Pattern) -> str:
+    """A pattern as a person would call it."""
+    return f"{found.channel} over {over(found)}"
+
+
+def over(found: Pattern) -> str:
+    """What a pattern goes with."""
+    return _OVER.get(found.over, found.over)
+
+
+_STRANGE = 0.05  # p-value of the strangest
 _OVER = {
     "pose": "the pose",
     "time": "time",
-    "swing": "time, for a swing",
-    "move": "the length of the move before",
+    "swing": "time, as a swing up and down",
+    "move": "how far it went to get there",
 }

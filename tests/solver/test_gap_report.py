@@ -13,8 +13,10 @@ from recordings.rig import load_rig, rig_text
 from sim_devices.simulate import simulate
 from solver.gap.analysis import analyse
 from solver.gap.result import Gap, Rival, Verdict, gap_json
+from solver.gap.unknown import Unknown
 from solver.report.gap_report import render_gap, write_gap_report
 from solver.report.gap_words import advice, amount, headline, listed, odds, share
+from solver.samples import Rejected
 from tests.solver.test_report import Page
 
 
@@ -57,6 +59,59 @@ def test_every_answer_has_a_whole_page(analysed: tuple[Gap, Recording], kind: st
     assert not [a for _, a in page.elements if str(a.get("src", "")).startswith("http")]
     for each in gap.untested:
         assert each.reason in page.text
+
+
+def test_a_page_without_a_name_shows_the_strangest_pattern(
+    analysed: tuple[Gap, Recording],
+) -> None:
+    gap = kinds(analysed[0])["unknown"]
+    swing = next(p for p in gap.unknown.patterns if p.over == "swing")
+    strange = replace(gap, unknown=Unknown((swing, *gap.unknown.patterns), 0.002))
+    page = Page(render_gap(strange, recording=analysed[1]))
+    assert "pattern" in {figure["id"] for figure in page.all("figure")}
+    assert "as a swing up and down" in page.text
+    assert "the picture below" in page.text
+    assert "--report PAGE" not in page.text.replace("--report PAGE.html", "")
+    assert "--report PAGE" in " ".join(advice(strange))
+    answer = gap_json(strange)
+    assert answer["patterns"]["p"] == 0.002
+    assert answer["patterns"]["strangest"][0]["over"] == "swing"
+
+
+def test_what_held_out_poses_do_not_bear_out_is_not_recommended(
+    analysed: tuple[Gap, Recording],
+) -> None:
+    gap, recording = analysed
+    assert gap.held_out is not None
+    assert not gap.doubtful
+    rejected = tuple(Rejected(w, "still moving: d1") for w in gap.table.windows[:20])
+    doubtful = replace(
+        gap,
+        held_out=replace(gap.held_out, after=1.6, after_error=0.1),
+        table=replace(gap.table, rejected=rejected),
+    )
+    assert headline(doubtful).endswith("Poses that took no part do not bear it out.")
+    assert "--rig-out" not in " ".join(advice(doubtful))
+    assert "Do not build on the name yet" in " ".join(advice(doubtful))
+    page = Page(render_gap(doubtful, recording=recording))
+    assert "Caution. 20 of " in page.text
+    assert "depends on which poses are used" in page.text
+
+
+def test_what_counts_as_noise_is_said_where_the_gap_does_not_show_it(
+    analysed: tuple[Gap, Recording],
+) -> None:
+    gap = kinds(analysed[0])["unknown"]
+    assert gap.held_out is not None
+    closed = replace(
+        gap,
+        held_out=replace(gap.held_out, before=1.01, before_error=0.05),
+        floor_before=replace(gap.floor_before, variance=25.0, revisited=10),
+    )
+    (told,) = (line for line in closed.cautions if "counts as noise" in line)
+    assert "differ 5.0 times" in told
+    assert "gap of 1.01" in told
+    assert not [line for line in gap.cautions if "counts as noise" in line]
 
 
 def test_a_page_of_few_poses_is_written_the_same_every_time(
