@@ -8,6 +8,8 @@ Here one wait and one read give all that has come: what full CAN buses and ADC s
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
 import select
 import socket
@@ -15,6 +17,8 @@ from typing import Protocol
 from urllib.parse import urlsplit
 
 import serial  # type: ignore[import-untyped]
+
+from drivers.waiting import waits
 
 BLOCK = 65_536
 WRITE_TIMEOUT_S = 0.25
@@ -128,7 +132,17 @@ class _Terminal:
         return data
 
     def write(self, data: bytes) -> None:
-        self._serial.write(data)
+        if self._poll is None:
+            self._serial.write(data)
+            return
+        # pyserial calls a write too late that is done, where the host was held up meanwhile.
+        for wait_s in waits(WRITE_TIMEOUT_S):
+            with contextlib.suppress(BlockingIOError):
+                data = data[os.write(self._descriptor, data) :]
+            if not data:
+                return
+            select.select([], [self._descriptor], [], wait_s)
+        raise TimeoutError(errno.ETIMEDOUT, "it takes nothing of what is sent to it")
 
     def close(self) -> None:
         self._serial.close()

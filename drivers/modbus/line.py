@@ -7,40 +7,23 @@ What bytes are a reply is `drivers.modbus.rtu`'s decision.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-import serial  # type: ignore[import-untyped]
-
-from drivers.errors import DeviceRefused, DeviceSilent, LinkBroken, LinkClosed, Malformed
+from drivers.errors import DeviceRefused, DeviceSilent, Malformed
 from drivers.link import Clock
 from drivers.modbus.pdu import Identify, Read, Reply, Verdict
 from drivers.modbus.rtu import AROUND, bytes_of_others, complete_but_damaged, encode, replies
-from drivers.ports import open_error
+from drivers.serial_port import Connect, SerialPort, connect
 from drivers.waiting import waits
-from recordings.rig import SerialPort
+from recordings.rig import SerialPort as RigPort
 
 READ_SLICE_S = 0.01
 """How long one read of the port waits for a byte."""
 
-WRITE_TIMEOUT_S = 0.25
 SHORTEST_SILENCE_S = 1.75e-3
 SILENCE_CHARACTERS = 3.5
 BITS_PER_CHARACTER = 11
-
-
-class Stream(Protocol):
-    """What is used of a pyserial port."""
-
-    @property
-    def in_waiting(self) -> int: ...
-
-    def read(self, size: int = 1) -> bytes: ...
-
-    def write(self, b: bytes, /) -> int | None: ...
-
-    def close(self) -> None: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,20 +32,6 @@ class Answer:
 
     reply: Reply
     time_ns: int
-
-
-def connect(port: SerialPort) -> Stream:
-    """A pyserial port, locked against a second user; raises OSError or ValueError."""
-    stream: Stream = serial.serial_for_url(
-        port.path,
-        baudrate=port.baudrate,
-        parity=port.parity,
-        stopbits=port.stopbits,
-        timeout=READ_SLICE_S,
-        write_timeout=WRITE_TIMEOUT_S,
-        exclusive=True,
-    )
-    return stream
 
 
 class Line(Protocol):
@@ -103,13 +72,13 @@ class Line(Protocol):
         ...
 
 
-class RtuLine:
+class RtuLine(SerialPort):
     """A serial line that can be opened again. See `Line`.
 
     Args:
         port: what to open.
         clock: stamps arrivals.
-        connect: makes the stream.
+        connect: opens it.
 
     Attributes:
         late: replies that came after their request had been given up, since the line was made.
@@ -119,32 +88,15 @@ class RtuLine:
 
     ties_replies = False
 
-    def __init__(
-        self, port: SerialPort, clock: Clock, connect: Callable[[SerialPort], Stream] = connect
-    ) -> None:
-        self._port = port
+    def __init__(self, port: RigPort, clock: Clock, connect: Connect = connect) -> None:
+        super().__init__(port, connect)
         self._clock = clock
-        self._connect = connect
-        self._stream: Stream | None = None
         self._character_s = BITS_PER_CHARACTER / port.baudrate
         self._silence_s = max(SHORTEST_SILENCE_S, SILENCE_CHARACTERS * self._character_s)
         self._busy_until_s = 0.0
         self.late = 0
         self.foreign = 0
         self.noise = 0
-
-    def open(self) -> None:
-        """Open the port; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
-        try:
-            self._stream = self._connect(self._port)
-        except (OSError, ValueError) as error:
-            raise open_error(self._port.name, self._port.path, error) from error
-
-    def close(self) -> None:
-        """Let the port go; harmless when it is not open."""
-        stream, self._stream = self._stream, None
-        if stream is not None:
-            stream.close()
 
     def ask(self, request: Read | Identify, timeout_s: float) -> Answer:
         """Send ``request`` and return the reply that belongs to it; raises as `Line.ask`.
@@ -154,26 +106,15 @@ class RtuLine:
             timeout_s: longest time from the end of the request to the end of the reply, beside
                 the time that the bytes take on the line.
         """
-        stream = self._stream
-        if stream is None:
-            raise LinkClosed(f"port '{self._port.name}' is not open")
-        try:
-            return self._ask(stream, request, timeout_s)
-        except OSError as error:
-            raise LinkBroken(
-                f"port '{self._port.name}' at '{self._port.path}' is gone: {error}"
-            ) from error
-
-    def _ask(self, stream: Stream, request: Read | Identify, timeout_s: float) -> Answer:
         frame = encode(request)
-        self._drop_waiting(stream, request)
-        stream.write(frame)
+        self._drop_waiting(request)
+        self.write(frame)
         # The request may still be in the port's buffer, and the reply takes its time too.
         on_the_line_s = (len(frame) + AROUND + request.longest_reply) * self._character_s
         came = b""
         seen = 0
-        for _ in waits(on_the_line_s + timeout_s, READ_SLICE_S):
-            chunk = stream.read(max(1, stream.in_waiting))
+        for wait_s in waits(on_the_line_s + timeout_s, READ_SLICE_S):
+            chunk = self.read(wait_s)
             time_ns = self._clock.now_ns()
             if not chunk:
                 if complete_but_damaged(came, request):
@@ -214,10 +155,9 @@ class RtuLine:
             self.foreign += others > 0
             self.noise += max(len(came) - others - expected, 0)
 
-    def _drop_waiting(self, stream: Stream, request: Read | Identify) -> None:
+    def _drop_waiting(self, request: Read | Identify) -> None:
         """Drop what came unasked, and let the line be silent before a frame."""
-        while waiting := stream.in_waiting:
-            data = stream.read(waiting)
+        while data := self.read(0.0):
             late = sum(1 for _ in replies(data, request))
             self.late += late
             self.noise += 0 if late else len(data)

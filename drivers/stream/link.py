@@ -9,77 +9,36 @@ When the port goes away, it is opened again after growing delays (0.25 s to 4 s)
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
-from drivers.errors import LinkBroken, LinkClosed, OptionError
+from drivers.errors import LinkBroken, OptionError
 from drivers.link import Clock, DeviceStatus, JointDrive, Losses
 from drivers.port_link import PortLink
-from drivers.ports import open_error
 from drivers.schedule import SECOND
-from drivers.serial_blocks import SerialBlocks, open_blocks
+from drivers.serial_port import Connect, SerialPort, connect
 from drivers.stream.decoder import Sample
 from drivers.stream.sensor import StreamSensor
 from drivers.waiting import LONGEST_WAIT_S, waits
 from recordings.faults import FaultKind
-from recordings.rig import SerialPort
+from recordings.rig import SerialPort as RigPort
 
 
-def connect(port: SerialPort) -> SerialBlocks:
-    """The port, locked against a second user; raises OSError or ValueError."""
-    return open_blocks(
-        port.path,
-        baudrate=port.baudrate,
-        parity=port.parity,
-        stopbits=port.stopbits,
-        exclusive=True,
-    )
+class _Port(SerialPort):
+    """The port of a sensor, whose stream begins anew, anywhere, each time that it is opened."""
 
-
-class _Port:
-    """A serial port that can be opened again."""
-
-    def __init__(
-        self, port: SerialPort, sensor: StreamSensor, connect: Callable[[SerialPort], SerialBlocks]
-    ) -> None:
-        self._port = port
+    def __init__(self, port: RigPort, sensor: StreamSensor, connect: Connect) -> None:
+        super().__init__(port, connect)
         self._sensor = sensor
-        self._connect = connect
-        self._blocks: SerialBlocks | None = None
 
     def open(self) -> None:
-        try:
-            self._blocks = self._connect(self._port)
-        except (OSError, ValueError) as error:
-            raise open_error(self._port.name, self._port.path, error) from error
+        """Open the port; raises PortNotFound, PortBusy, PortDenied or LinkBroken."""
+        super().open()
         self._sensor.reset()
 
-    def close(self) -> None:
-        blocks, self._blocks = self._blocks, None
-        if blocks is not None:
-            blocks.close()
-
-    def read(self, timeout_s: float) -> bytes:
-        """What has come; raises LinkBroken."""
-        if self._blocks is None:
-            raise LinkClosed(f"port '{self._port.name}' is not open")
-        try:
-            return self._blocks.read(timeout_s)
-        except OSError as error:
-            raise self._broken(error) from error
-
-    def write(self, text: str) -> None:
-        """Send ``text``, if it is any; raises LinkBroken."""
-        if not text:
-            return
-        if self._blocks is None:
-            raise LinkClosed(f"port '{self._port.name}' is not open")
-        try:
-            self._blocks.write(text.encode())
-        except OSError as error:
-            raise self._broken(error) from error
-
-    def _broken(self, error: OSError) -> LinkBroken:
-        return LinkBroken(f"port '{self._port.name}' at '{self._port.path}' is gone: {error}")
+    def say(self, text: str) -> None:
+        """Send ``text``, if it is any; raises LinkBroken or LinkClosed."""
+        if text:
+            self.write(text.encode())
 
 
 class StreamLink(PortLink):
@@ -91,10 +50,10 @@ class StreamLink(PortLink):
 
     def __init__(
         self,
-        port: SerialPort,
+        port: RigPort,
         devices: Sequence[StreamSensor],
         clock: Clock,
-        connect: Callable[[SerialPort], SerialBlocks] = connect,
+        connect: Connect = connect,
     ) -> None:
         if len(devices) != 1:
             names = " and ".join(f"'{device.name}'" for device in devices)
@@ -125,7 +84,7 @@ class StreamLink(PortLink):
         """Begin to take samples, at the sensor's own rate; raises LinkBroken."""
         self._require_open()
         with self._turn:
-            self._port.write(self._sensor.options.start_text)
+            self._port.say(self._sensor.options.start_text)
             self._sensor.start(self._clock.now_ns())
             self._sampling = True
 
@@ -143,7 +102,7 @@ class StreamLink(PortLink):
             self._sensor.stop(self._clock.now_ns())
             if not self._outage.lasts and not self._closing.is_set():
                 try:
-                    self._port.write(self._sensor.options.stop_text)
+                    self._port.say(self._sensor.options.stop_text)
                 except LinkBroken as error:
                     self._pending.append(self._outage.begin(error, sampling=False))
 
@@ -180,7 +139,7 @@ class StreamLink(PortLink):
         if reopened is not None:
             self._pending.append(reopened)
             if self._sampling:
-                self._port.write(self._sensor.options.start_text)
+                self._port.say(self._sensor.options.start_text)
                 self._sensor.start(self._clock.now_ns())
 
     def _listen(self) -> str:
@@ -190,7 +149,7 @@ class StreamLink(PortLink):
         timeout_s = self._sensor.timeout_ns / SECOND
         seen = malformed = 0
         try:
-            self._port.write(self._sensor.options.start_text)
+            self._port.say(self._sensor.options.start_text)
             for wait_s in waits(timeout_s):
                 data = self._port.read(wait_s)
                 seen += len(data)

@@ -56,23 +56,17 @@ class Wire:
         if not self.plugged:
             raise FileNotFoundError(2, "No such file or directory")
 
-    @property
-    def in_waiting(self) -> int:
+    def read(self, timeout_s: float | None) -> bytes:
         self._check()
-        return len(self._buffer)
-
-    def read(self, size: int = 1) -> bytes:
-        self._check()
-        data, self._buffer = self._buffer[:size], self._buffer[size:]
+        data, self._buffer = self._buffer, b""
         return data
 
-    def write(self, data: bytes) -> int:
+    def write(self, data: bytes) -> None:
         self._check()
         self.requests.append(bytes(data))
         reply = b"".join(slave.answer(data) for slave in self.slaves)
         late, self.held = self.held, b""
         self._buffer += late + self.mangle(len(self.requests), reply)
-        return len(data)
 
     def close(self) -> None:
         pass

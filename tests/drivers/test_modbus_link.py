@@ -167,8 +167,8 @@ def test_a_reply_that_came_while_the_host_was_held_up_is_read(make_link, adc, ru
     held: list[bytes] = []
     read = wire.read
 
-    def sleep_for_seconds_before_it_comes(size: int = 1) -> bytes:
-        data = read(size)
+    def sleep_for_seconds_before_it_comes(timeout_s: float | None) -> bytes:
+        data = read(timeout_s)
         clock.advance(0.01)
         if not data and held:
             clock.advance(3.0)
