@@ -1,7 +1,7 @@
 """A calibration in use: readings become the pose of the endpoint or the plate, with its uncertainty.
 
 For an arm whose joints between base and end are all sensed this is forward kinematics of the
-calibrated chain; it holds in free space as well as on the fixture. For platforms, and for chains
+calibrated chain, effects undone; it holds in free space as well as on the fixture. For platforms, and for chains
 with an unsensed joint on the way, it is the most likely pose given all readings.
 """
 
@@ -18,9 +18,9 @@ from recordings.rig import Rig, parameters
 from solver.effects.needs import loaded, require_known
 from solver.errors import SolverError
 from solver.estimate.nuisance import Observations, assemble, settle
+from solver.forward import forward, read, sensed_all_the_way
 from solver.mechanism.circumstances import Circumstances
 from solver.mechanism.model import EndPose, Model, model_of
-from solver.mechanism.serial import SerialModel
 from solver.mechanism.space import ParameterSpace
 
 Array = NDArray[np.float64]
@@ -106,19 +106,30 @@ class Calibration:
     ) -> EndPoses:
         """Endpoint or plate at readings ``counts`` (P, C) with standard deviations ``sigma`` (P, C) [counts].
 
-        ``at`` and ``held`` (P, J), whether drives held the joints, matter where the rig has effects.
+        ``at`` and ``held`` (P, J), whether drives held the joints, matter where the rig has effects. Loads
+        are those of the mechanism in its fixture, unless the arm compensates gravity.
 
         Raises:
             NotEnoughData: an effect depends on what nobody knows of these readings.
         """
-        if isinstance(self.model, SerialModel) and sensed_all_the_way(self.model):
-            return self._forward(self.model, counts, sigma)
         observed = Observations(counts, sigma, at)
+        if sensed_all_the_way(self.model):
+            shown = read(self.model, counts, self.parameters)
+            observed = loaded(self.model, observed, shown, self.parameters, held)
+            require_known(self.model, observed.at)
+            found = forward(self.model, observed, self.parameters, self.space.expansion)
+            noisy = found.by_readings * sigma[:, None, :]
+            unknown = np.full(len(counts), np.nan)
+            return self._with_parameters(
+                found.end, found.end.by_parameters, noisy @ _t(noisy), unknown
+            )
         start = assemble(self.model, observed, self.parameters)
         observed = loaded(self.model, observed, start, self.parameters, held)
         require_known(self.model, observed.at)
         settled = settle(self.model, observed, start, self.parameters, self.space.expansion)
-        end = self.model.end_pose(settled.coordinates, self.parameters, self.space.expansion)
+        end = self.model.end_pose(
+            settled.coordinates, self.parameters, self.space.expansion, observed.at
+        )
         spread = (
             end.by_coordinates
             @ self._coordinate_spread(observed, settled.coordinates)
@@ -127,19 +138,6 @@ class Calibration:
         misfit = np.sqrt(np.mean(settled.residual**2, axis=1))
         return self._with_parameters(
             end, end.by_parameters + end.by_coordinates @ settled.following, spread, misfit
-        )
-
-    def _forward(self, model: SerialModel, counts: Array, sigma: Array) -> EndPoses:
-        coordinates = np.zeros((len(counts), len(model.coordinate_names)))
-        coordinates[:, model.sensed] = model.sensing.values(counts, self.parameters)
-        end = model.end_pose(coordinates, self.parameters, self.space.expansion)
-        by_values = end.by_coordinates[:, :, model.sensed]
-        noisy = by_values * (self.parameters[model.sensing.gain] * sigma)[:, None, :]
-        by_parameters = end.by_parameters + by_values @ model.sensing.by_parameters(
-            counts, self.space.expansion
-        )
-        return self._with_parameters(
-            end, by_parameters, noisy @ _t(noisy), np.full(len(counts), np.nan)
         )
 
     def _with_parameters(
@@ -165,12 +163,6 @@ class Calibration:
         spread: Array = np.linalg.pinv(kkt, hermitian=True)[:, :size, :size]
         unscaled: Array = spread * scale[:, :, None] * scale[:, None, :]
         return unscaled
-
-
-def sensed_all_the_way(model: SerialModel) -> bool:
-    """Whether every joint between the base and the end has a channel: forward kinematics then suffices."""
-    used = {m.coordinate for m in model.chain.motions[model.base : model.end] if m.coordinate >= 0}
-    return used <= set(model.sensed.tolist())
 
 
 def _t(stack: Array) -> Array:

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.rig import Rig, parameters
-from solver.calibration import sensed_all_the_way
+from solver.effects.needs import generic
 from solver.estimate.nuisance import Observations, assemble, settle
 from solver.estimate.null_directions import step_of
+from solver.forward import forward, sensed_all_the_way
 from solver.mechanism.model import Model, model_of
-from solver.mechanism.serial import SerialModel
 from solver.mechanism.space import ParameterSpace
 from solver.mechanism.tracker import Tracked
 from solver.poses.wander import wander
@@ -121,10 +121,11 @@ def generic_sensitivity(rig: Rig, values: Array | None = None) -> Sensitivity:
     space = ParameterSpace.of(table, [p.name for p in table if p.tie is None])
     x = space.nominal if values is None else values
     coordinates = wander(rig, model, x, _POSES, seed=0)
-    counts = model.linearise(coordinates, x, space.expansion[:, :0]).readings
+    at = generic(rig, model, coordinates, x)
+    counts = model.linearise(coordinates, x, space.expansion[:, :0], at).readings
     noise = [max(channel.noise, _LEAST_NOISE) for channel in rig.channels]
     return sensitivity(
-        model, space, x, Observations(counts, np.tile(noise, (_POSES, 1))), coordinates
+        model, space, x, Observations(counts, np.tile(noise, (_POSES, 1)), at), coordinates
     )
 
 
@@ -132,14 +133,11 @@ def _end_rates(
     model: Model, space: ParameterSpace, at: Array, observed: Observations, coordinates: Array
 ) -> Array:
     """(P, 6, n) rates of [dp; domega] in the base frame with the identified parameters, readings held."""
-    if isinstance(model, SerialModel) and sensed_all_the_way(model):
-        end = model.end_pose(coordinates, at, space.expansion)
-        by_values = end.by_coordinates[:, :, model.sensed]
-        following = model.sensing.by_parameters(observed.counts, space.expansion)
-        return np.asarray(end.by_parameters + by_values @ following)
+    if sensed_all_the_way(model):
+        return forward(model, observed, at, space.expansion).end.by_parameters
     settled = settle(model, observed, coordinates, at, space.expansion)
     if not settled.closed.all():
         start = assemble(model, observed, at)
         settled = settle(model, observed, start, at, space.expansion)
-    end = model.end_pose(settled.coordinates, at, space.expansion)
+    end = model.end_pose(settled.coordinates, at, space.expansion, observed.at)
     return np.asarray(end.by_parameters + end.by_coordinates @ settled.following)

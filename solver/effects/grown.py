@@ -24,6 +24,10 @@ from solver.mechanism.space import ParameterSpace
 
 Array = NDArray[np.float64]
 
+_ROUNDS = 30
+_SETTLED = 1e-12
+"""Newton's last step towards the values behind readings [rad or m]."""
+
 
 @dataclass(frozen=True)
 class Grown:
@@ -125,33 +129,38 @@ class Grown:
         self, coordinates: Array, parameters: Array, directions: Array, at: Circumstances
     ) -> Linearised:
         """The plain model with each pose's own geometry."""
-        poses, wide = len(coordinates), directions.shape[1]
+        geometry = self._geometry(parameters, directions, at, len(coordinates))
+        plain = self.plain.linearise(coordinates, geometry.parameters, geometry.directions, at)
+        return replace(
+            plain,
+            readings_by_parameters=geometry.back(plain.readings_by_parameters),
+            closure_by_parameters=geometry.back(plain.closure_by_parameters),
+        )
+
+    def _geometry(
+        self, parameters: Array, directions: Array, at: Circumstances, poses: int
+    ) -> _Geometry:
+        """Parameters of the plain model as effects move them, and how fast along ``directions`` (N + k, n)."""
         behind = len(self.site.names) - self.named
         x = np.concatenate([parameters[: self.named], np.zeros(behind)])
-        along = np.vstack([directions[: self.named], np.zeros((behind, wide))])
+        along = np.vstack([directions[: self.named], np.zeros((behind, directions.shape[1]))])
         moving = [
             (shift, columns)
             for effect, columns in zip(self.effects, self.columns, strict=True)
             if (shift := effect.moved(parameters[columns], at, poses)) is not None
         ]
         if not moving:
-            return self.plain.linearise(coordinates, x, along, at)
+            return _Geometry(x, along, None)
         each = np.tile(x, (poses, 1))
         for shift, _ in moving:
             each[:, shift.targets] += shift.amount * (x[shift.targets] if shift.relative else 1.0)
         targets = np.concatenate([shift.targets for shift, _ in moving])
         single = np.zeros((len(x), len(targets)))
         single[targets, np.arange(len(targets))] = 1.0
-        plain = self.plain.linearise(coordinates, each, np.hstack([along, single]), at)
         rate = np.concatenate(
             [self._rate(shift, directions[columns], x, along) for shift, columns in moving], axis=1
         )
-        readings, closure = plain.readings_by_parameters, plain.closure_by_parameters
-        return replace(
-            plain,
-            readings_by_parameters=readings[:, :, :wide] + readings[:, :, wide:] @ rate,
-            closure_by_parameters=closure[:, :, :wide] + closure[:, :, wide:] @ rate,
-        )
+        return _Geometry(each, np.hstack([along, single]), rate)
 
     @staticmethod
     def _rate(shift: Shift, directions: Array, parameters: Array, along: Array) -> Array:
@@ -171,12 +180,69 @@ class Grown:
         """The plain model's."""
         return self.plain.pseudo_observations(parameters[: self.named], directions[: self.named])
 
-    def end_pose(self, coordinates: Array, parameters: Array, directions: Array) -> EndPose:
-        """The plain model's: where the end is, is a matter of the geometry, not of what is seen."""
-        behind = len(self.site.names) - self.named
-        x = np.concatenate([parameters[: self.named], np.zeros(behind)])
-        along = np.vstack([directions[: self.named], np.zeros((behind, directions.shape[1]))])
-        return self.plain.end_pose(coordinates, x, along)
+    def end_pose(
+        self,
+        coordinates: Array,
+        parameters: Array,
+        directions: Array,
+        at: Circumstances | None = None,
+    ) -> EndPose:
+        """The plain model's, with the geometry that effects give each pose."""
+        geometry = self._geometry(parameters, directions, at or Circumstances(), len(coordinates))
+        end = self.plain.end_pose(coordinates, geometry.parameters, geometry.directions)
+        return replace(end, by_parameters=geometry.back(end.by_parameters))
+
+    def sensed(
+        self, counts: Array, parameters: Array, directions: Array, at: Circumstances | None
+    ) -> tuple[Array, Array, Array]:
+        """What the channels' places do where they read ``counts`` (P, C): the inverse of what is seen.
+
+        Codes are taken as they are: what a rail or a stuck bit hides, no reading tells.
+
+        Returns:
+            (P, C) true values [rad or m], (P, C, C) their derivatives with the counts and (P, C, n) along
+            ``directions`` (N + k, n).
+
+        Raises:
+            MechanismError: an effect is so strong that no value gives such readings.
+        """
+        where = at or Circumstances()
+        read = self.sensing.values(counts, parameters[: self.named])
+        values, slope = read, np.eye(read.shape[1])
+        for _ in range(_ROUNDS):
+            shown, slope, _ = self._seen(values, parameters, where)
+            step = np.linalg.solve(slope, (shown - read)[:, :, None])[:, :, 0]
+            values = values - step
+            if np.abs(step).max(initial=0.0) < _SETTLED:
+                break
+        else:
+            raise MechanismError(
+                f"the effects of rig '{self.site.rig.name}' allow no values behind these readings"
+            )
+        _, slope, shifts = self._seen(values, parameters, where)
+        by_parameters = self.sensing.by_parameters(counts, directions[: self.named])
+        for shift, columns in shifts:
+            by_parameters[:, shift.targets] -= shift.by_coefficients @ directions[columns]
+        gains = np.diag(parameters[self.sensing.gain])
+        inverse = np.linalg.inv(slope)
+        return values, inverse @ gains, inverse @ by_parameters
+
+    def _seen(
+        self, values: Array, parameters: Array, at: Circumstances
+    ) -> tuple[Array, Array, list[tuple[Shift, NDArray[np.intp]]]]:
+        """(P, C) what channels show of ``values`` (P, C), (P, C, C) its slope, and the effects' shifts."""
+        shown = values.copy()
+        slope = np.tile(np.eye(values.shape[1]), (len(values), 1, 1))
+        shifts = []
+        for effect, columns in zip(self.effects, self.columns, strict=True):
+            shift = effect.seen(values, parameters[columns], at)
+            if shift is None:
+                continue
+            shifts.append((shift, columns))
+            shown[:, shift.targets] += shift.amount
+            if shift.by_values is not None:
+                slope[:, shift.targets] += shift.by_values
+        return shown, slope, shifts
 
     def starts(self, readings: Array, parameters: Array) -> Array:
         """The plain model's."""
@@ -190,6 +256,25 @@ class Grown:
         return self.plain.mobility(
             coordinates, np.concatenate([parameters[: self.named], np.zeros(behind)])
         )
+
+
+@dataclass(frozen=True, slots=True)
+class _Geometry:
+    """Parameters (N,) of the plain model, or (P, N); directions (N, n + T) to differentiate along.
+
+    ``rate`` (P, T, n), or None, says how fast the T parameters that effects move follow what is asked for.
+    """
+
+    parameters: Array
+    directions: Array
+    rate: Array | None
+
+    def back(self, derivatives: Array) -> Array:
+        """(P, K, n) of derivatives (P, K, n + T)."""
+        if self.rate is None:
+            return derivatives
+        asked = self.rate.shape[2]
+        return np.asarray(derivatives[:, :, :asked] + derivatives[:, :, asked:] @ self.rate)
 
 
 def grow(site: Site, effects: Sequence[Effect]) -> tuple[Grown, tuple[Parameter, ...]]:

@@ -42,6 +42,8 @@ class JointCompliance(Effect):
         if at.torque is None:
             return unloaded(site)
         if not at.torque[:, site.rig.mechanism.places.index(where)].any():
+            if getattr(site.rig.mechanism, "standing", "") == "gravity-compensated":
+                return "none of the arm's weight rests on it"
             return "no drive held it, so that it carried no load: hold it at some poses"
         return None
 

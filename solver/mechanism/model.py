@@ -92,8 +92,17 @@ class Model(Protocol):
         """What is known beside readings and nominal values: whitened residuals (D,) and (D, n) derivatives."""
         ...
 
-    def end_pose(self, coordinates: Array, parameters: Array, directions: Array) -> EndPose:
-        """Endpoint or plate at ``coordinates`` (P, U), with derivatives as `linearise` gives them."""
+    def end_pose(
+        self,
+        coordinates: Array,
+        parameters: Array,
+        directions: Array,
+        at: Circumstances | None = None,
+    ) -> EndPose:
+        """Endpoint or plate at ``coordinates`` (P, U), with derivatives as `linearise` gives them.
+
+        Circumstances matter where effects move the geometry.
+        """
         ...
 
     def starts(self, readings: Array, parameters: Array) -> Array:

@@ -195,7 +195,13 @@ class PlatformModel:
         """A platform knows nothing beside its readings: empty (0,) and (0, n)."""
         return np.zeros(0), np.zeros((0, directions.shape[1]))
 
-    def end_pose(self, coordinates: Array, parameters: Array, directions: Array) -> EndPose:
+    def end_pose(
+        self,
+        coordinates: Array,
+        parameters: Array,
+        directions: Array,
+        at: Circumstances | None = None,
+    ) -> EndPose:
         """The plate in the base frame; no parameter moves it at fixed coordinates."""
         rotation, position = self.plate_pose(coordinates)
         by_coordinates = np.zeros((len(coordinates), 6, coordinates.shape[1]))

@@ -267,8 +267,17 @@ class SerialModel:
         rates[:, 3:] = log_rate(error[:, 3:]) @ rates[:, 3:]
         return error, rates
 
-    def end_pose(self, coordinates: Array, parameters: Array, directions: Array) -> EndPose:
-        """End of the chain in the base frame, which lies behind the rig's base joint."""
+    def end_pose(
+        self,
+        coordinates: Array,
+        parameters: Array,
+        directions: Array,
+        at: Circumstances | None = None,
+    ) -> EndPose:
+        """End of the chain in the base frame, which lies behind the rig's base joint.
+
+        Parameters are (N,), or (P, N) where geometry differs from pose to pose.
+        """
         reached = Chain(self.chain.motions[self.base : self.end]).reach(coordinates, parameters)
         part = slice(self.base, self.end)
         return EndPose(

@@ -130,9 +130,15 @@ class Tracked:
         """The inner model's."""
         return self.inner.pseudo_observations(parameters, directions)
 
-    def end_pose(self, coordinates: Array, parameters: Array, directions: Array) -> EndPose:
+    def end_pose(
+        self,
+        coordinates: Array,
+        parameters: Array,
+        directions: Array,
+        at: Circumstances | None = None,
+    ) -> EndPose:
         """The inner model's."""
-        return self.inner.end_pose(coordinates, parameters, directions)
+        return self.inner.end_pose(coordinates, parameters, directions, at)
 
     def starts(self, readings: Array, parameters: Array) -> Array:
         """The inner model's, from its own channels."""

@@ -73,6 +73,8 @@ class JointCompliance(Effect):
             return ()
         if isinstance(rig.mechanism, PlatformMechanism):
             return rig.mechanism.places
+        if rig.mechanism.standing == "gravity-compensated":
+            return tuple(p for p in rig.mechanism.places if rig.sensed_by(p) is not None)
         return rig.plan.drives if rig.plan is not None else ()
 
     @classmethod

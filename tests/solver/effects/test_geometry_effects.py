@@ -141,4 +141,8 @@ def test_what_rig_and_session_cannot_tell_is_said_in_words() -> None:
         kinds["joint-compliance"].untestable(Site(rig), "joint5", still)
     )
     assert "one time" in str(kinds["thermal-growth"].untestable(Site(rig), "links", still))
-    assert kinds["fixture-compliance"].untestable(Site(rig), "fixture", still) is None
+    assert "nothing presses" in str(
+        kinds["fixture-compliance"].untestable(Site(rig), "fixture", still)
+    )
+    pressed = Circumstances(force=np.ones((3, 3)))
+    assert kinds["fixture-compliance"].untestable(Site(rig), "fixture", pressed) is None
