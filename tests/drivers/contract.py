@@ -26,9 +26,15 @@ from sim_devices.virtual_time import VirtualClock
 from tests.drivers.families import FAMILIES
 from tests.drivers.patience import PATIENCE_S
 
-LATE = (FaultKind.LOSING, FaultKind.SILENT, FaultKind.LATE, FaultKind.STUCK)
+LATE = (
+    FaultKind.LOSING,
+    FaultKind.SILENT,
+    FaultKind.LATE,
+    FaultKind.STUCK,
+    FaultKind.EMERGENCY,
+)
 BUSY = {*LATE, *(ENDED_BY[kind] for kind in LATE)}
-"""What may be said of devices that are programs, where the computer is busy: they are late."""
+"""What may be said where the computer is busy: devices that are programs are late, and miss their master."""
 
 CENTRE = {"q1": 4000, "q2": 7000}
 

@@ -11,6 +11,7 @@ from drivers.canopen.joint import CanopenJoint, JointOptions
 from drivers.driver import DeviceSpec
 from drivers.errors import BadCommand, DeviceRefused, DeviceSilent, LinkClosed
 from recordings.events import Mode
+from tests.drivers.patience import PATIENCE_S
 
 DICTIONARY = {
     (0x1000, 0): 0x00020192,
@@ -75,7 +76,9 @@ class Servo:
 
 
 @pytest.fixture
-def servo(slaves) -> Servo:
+def servo(slaves, monkeypatch) -> Servo:
+    # It answers from a thread of its own, on a busy computer late.
+    monkeypatch.setattr("drivers.canopen.sdo.SDO_TIMEOUT_S", PATIENCE_S)
     return Servo(slaves(17, DICTIONARY))
 
 

@@ -25,6 +25,7 @@ from drivers.modbus.pdu import Identify, Read
 from recordings.events import Fault, Reading
 from recordings.faults import FaultKind
 from recordings.rig import TcpPort
+from tests.drivers.patience import PATIENCE_S
 
 PORT = TcpPort(kind="tcp", name="line", address="10.0.0.5:502")
 
@@ -186,7 +187,7 @@ def server_address() -> Iterator[str]:
     thread.start()
 
     def call(coroutine):
-        return asyncio.run_coroutine_threadsafe(coroutine, loop).result(5.0)
+        return asyncio.run_coroutine_threadsafe(coroutine, loop).result(PATIENCE_S)
 
     async def serve() -> ModbusTcpServer:
         data = [
@@ -220,7 +221,7 @@ def test_a_server_that_others_wrote(server_address, clock, channel, pump_until):
         "signals": signals,
         "resolution": 0.25,
         "function": 3,
-        "timeout_s": 1.0,
+        "timeout_s": 10.0,
     }
     channels = tuple(channel(f"q-{name}", name) for name in signals)
     spec = DeviceSpec(

@@ -15,6 +15,7 @@ from drivers import make_links
 from drivers.link import Losses
 from recordings.events import Reading
 from recordings.rig import parse_rig
+from tests.drivers.patience import PATIENCE_S
 
 RIG = """
 schema = 1
@@ -45,7 +46,7 @@ path = "socket://127.0.0.1:1"
 name = "adc"
 driver = "modbus-adc"
 port = "line"
-options = { unit_id = 5, channels = 3, first_register = 10, function = 3, timeout_s = 1.0 }
+options = { unit_id = 5, channels = 3, first_register = 10, function = 3, timeout_s = 10.0 }
 """
 
 
@@ -57,7 +58,7 @@ def server_url() -> Iterator[str]:
     thread.start()
 
     def run(coroutine):
-        return asyncio.run_coroutine_threadsafe(coroutine, loop).result(5.0)
+        return asyncio.run_coroutine_threadsafe(coroutine, loop).result(PATIENCE_S)
 
     async def serve() -> ModbusTcpServer:
         registers = SimData(address=10, values=[111, 222, 333], datatype=DataType.REGISTERS)
