@@ -45,6 +45,10 @@ class EventQueue:
         """Append ``items`` without waiting; return how many readings of each channel were dropped."""
         dropped: Counter[str] = Counter()
         with self._changed:
+            if len(self._items) + len(items) <= self._capacity:
+                self._items.extend(items)
+                self._changed.notify()
+                return dropped
             for item in items:
                 if isinstance(item, Reading) and len(self._items) >= self._capacity:
                     dropped[item.channel] += 1

@@ -8,10 +8,10 @@ import pytest
 
 from daq.clock import ManualClock
 from daq.event_queue import Checkpoint, EventQueue
-from daq.recorder import Recorder
+from daq.recorder import MOST_WAITING, Recorder
 from drivers import Losses
 from recordings.errors import DiskFailed, RecordingError
-from recordings.events import Dwell, Fault, LedgerEntry, Reading
+from recordings.events import Dwell, Fault, LedgerEntry, Reading, ReadingFlag
 
 
 class Sink:
@@ -30,6 +30,17 @@ class Sink:
         if self.fails:
             raise self.fails
         self.events.append(event)
+
+    def write_readings(self, channel, time_ns, raw, device_time_ns, sequence, flags) -> None:
+        assert self.free.wait(60.0)
+        if self.fails:
+            raise self.fails
+        absent = [None] * len(raw)
+        columns = (time_ns, raw, device_time_ns or absent, sequence or absent, flags or absent)
+        self.events += [
+            Reading(channel, *rest, flag or ReadingFlag.NONE)
+            for *rest, flag in zip(*columns, strict=True)
+        ]
 
     def flush(self) -> None:
         self.events.append("flush")
@@ -109,32 +120,95 @@ def test_it_flushes_on_a_timer():
     recorder.join()
 
 
-@pytest.mark.parametrize("waiting", [7, 0])
-def test_what_comes_after_the_disk_failed_is_accounted_for_and_blocks_nobody(waiting):
-    """The disk takes 7 readings that waited with it; or the event that it refuses is no reading."""
+@pytest.mark.parametrize("chunk", [7, 0])
+def test_what_comes_after_the_disk_failed_is_accounted_for_and_blocks_nobody(chunk):
+    """The disk takes what it is given and 7 readings of the open chunk; or it refuses a dwell."""
     sink = Sink()
     queue = EventQueue(capacity=100)
-    recorder = Recorder(sink, queue, ManualClock())
-    queue.offer(readings(20))
-    queue.offer([Checkpoint({"q1": Losses(20, 0, 0, 0)}, {})])
+    clock = ManualClock()
+    recorder = Recorder(sink, queue, clock)
     recorder.start()
-    while "q1" not in recorder.ledger:
+    clock.advance(1.0)
+    queue.offer([*readings(20), Checkpoint({"q1": Losses(20, 0, 0, 0)}, {})])
+    while "flush" not in sink.events:
         threading.Event().wait(0.001)
-    sink.fails = DiskFailed("the disk is full", {"q1": waiting} if waiting else {})
-    queue.offer([*(readings(1) if waiting else [Dwell(9, 1, 2, 0, 0)]), *readings(9)])
-    for sent in range(30, 330, 10):
+    given = 3 if chunk else 0
+    sink.fails = DiskFailed("the disk is full", {"q1": given + chunk} if chunk else {})
+    clock.advance(1.0)
+    queue.offer([*readings(3), *([] if chunk else [Dwell(9, 1, 2, 0, 0)])])
+    while recorder.failure is None:
+        threading.Event().wait(0.001)
+    for sent in range(23, 323, 10):
         assert queue.offer(readings(10)) == {}, "nobody takes from the queue"
         while queue.waiting:
             threading.Event().wait(0.001)
         queue.offer([Checkpoint({"q1": Losses(sent + 10, 0, 0, 0)}, {})])
-    queue.offer([Checkpoint({"q1": Losses(329 + bool(waiting), 0, 0, 0)}, {})])
     queue.close()
     recorder.join()
     assert isinstance(recorder.failure, DiskFailed)
     entry = recorder.ledger["q1"]
     assert entry.unaccounted == 0
-    assert entry.received == 20 + bool(waiting) - waiting
+    assert (entry.expected, entry.received) == (323, 20 - chunk)
     assert sink.closed
+
+
+def test_readings_of_a_channel_keep_their_order_whatever_they_lack():
+    sink = Sink()
+    queue = EventQueue(capacity=100)
+    recorder = Recorder(sink, queue, ManualClock())
+    told = [
+        Reading("q1", 1, 10, 5, 1),
+        Reading("q2", 2, 20),
+        Reading("q1", 3, 11, 6, 2, ReadingFlag.STALE),
+        Reading("q1", 4, 12, None, 3),
+        Reading("q2", 5, 21, None, None, ReadingFlag.DEVICE_ERROR),
+        Reading("q1", 6, 13, 7, None),
+        Reading("q1", 7, 14, 8, 4),
+    ]
+    queue.offer(told)
+    queue.close()
+    recorder.start()
+    recorder.join()
+    assert recorder.failure is None
+    for channel in ("q1", "q2"):
+        own = [reading for reading in told if reading.channel == channel]
+        assert [e for e in sink.events if getattr(e, "channel", "") == channel] == own
+
+
+def test_more_readings_than_may_wait_are_written_before_the_next_flush():
+    sink = Sink()
+    queue = EventQueue(capacity=10 * MOST_WAITING)
+    recorder = Recorder(sink, queue, ManualClock())
+    queue.offer(readings(2 * MOST_WAITING + 1))
+    recorder.start()
+    while len(sink.events) < 2 * MOST_WAITING:
+        threading.Event().wait(0.001)
+    assert "flush" not in sink.events
+    queue.close()
+    recorder.join()
+    assert [e.raw for e in sink.events] == list(range(2 * MOST_WAITING + 1))
+
+
+def test_of_several_channels_what_one_cannot_hold_costs_the_others_nothing_uncounted():
+    """The writer takes q1, refuses q2 and is not asked for q3."""
+    sink = Sink()
+    took = sink.write_readings
+
+    def write_readings(channel, **columns):
+        if channel == "q2":
+            raise RecordingError("a number does not fit")
+        took(channel, **columns)
+
+    sink.write_readings = write_readings
+    queue = EventQueue(capacity=100)
+    recorder = Recorder(sink, queue, ManualClock())
+    for channel, count in (("q1", 3), ("q2", 4), ("q3", 5)):
+        queue.offer([*readings(count, channel), Checkpoint({channel: Losses(count, 0, 0, 0)}, {})])
+    queue.close()
+    recorder.start()
+    recorder.join()
+    entries = {name: (e.received, e.dropped_by_host) for name, e in recorder.ledger.items()}
+    assert entries == {"q1": (3, 0), "q2": (0, 4), "q3": (0, 5)}
 
 
 def test_what_a_disk_takes_with_it_at_the_very_end_is_accounted_for():
@@ -189,7 +263,7 @@ def test_a_nearly_full_disk_ends_the_session_and_is_no_failure():
 
 def test_a_bug_in_the_writer_is_not_hidden():
     sink = Sink()
-    sink.write = lambda event: 1 / 0
+    sink.write_readings = lambda channel, **columns: 1 / 0
     queue = EventQueue(capacity=3)
     recorder = Recorder(sink, queue, ManualClock())
     recorder.start()
