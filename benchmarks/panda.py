@@ -1,14 +1,12 @@
 """A real arm, a real socket: python benchmarks/panda.py
 
-Franka Panda, joint encoders only, its ball held in one of two sockets 50 mm apart
-(`data/panda_ball_joint`). Trained on the place `front_center` alone, tested on the seven other
+The arm of `panda_arm.py`, trained on the place `front_center` alone, tested on the seven other
 places to which the tool was bolted. The figure is the published tool's: the mean distance of
 the model's tip positions in one socket from their own mean, averaged over both sockets.
 
-How uncertain lengths, angles and encoder zeros are, how noisy the joints, and how much play the
-ball has in its socket, is decided by the marginal likelihood of the training place (Laplace's
-approximation), never by a test place. Play is modelled with what a rig has: three short slides
-at the tip that read 0, with the play for their noise.
+How uncertain lengths, angles and encoder zeros are, how noisy the joints, how much play the ball
+has in its socket, and how much the joints may give way under the arm's weight, is decided by the
+marginal likelihood of the training place (Laplace's approximation), never by a test place.
 """
 
 from __future__ import annotations
@@ -16,49 +14,22 @@ from __future__ import annotations
 import itertools
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from panda_arm import ARMS, PLACES, TRAINED, Choice, observed, poses, rig_of
 
-from recordings.rig import Rig, parameters, parse_rig
-from recordings.urdf import COUNT, Doubts, rig_from_urdf
+from recordings.rig import Rig, parameters
+from solver.effects.needs import loaded
 from solver.estimate import likelihood
 from solver.estimate.estimate import Estimate
 from solver.estimate.nuisance import Observations
 from solver.estimate.robust import Loss
-from solver.mechanism.circumstances import Circumstances
-from solver.mechanism.model import model_of
-from solver.mechanism.serial import SerialModel
+from solver.forward import Forward, forward, read
+from solver.mechanism.model import Model, model_of
 from solver.mechanism.space import ParameterSpace
 
 Array = NDArray[np.float64]
-
-DATA = Path(__file__).parent / "data" / "panda_ball_joint"
-TRAINED = "front_center"
-ARMS = {
-    arm: tuple(sorted(p.name for p in (DATA / arm).iterdir()))
-    for arm in ("panda_2_clean", "panda_3")
-}
-PLACES = ARMS["panda_2_clean"]
-FOLDER = {place: DATA / arm / place for arm, places in ARMS.items() for place in places}
-JOINTS = 7
-DISTANCE = (
-    '[[mechanism.distance]]\nbetween = ["hole_0", "hole_1"]\n'
-    "distance_mm = { nominal = 50, uncertainty = 0.05 }\n"
-)
-
-
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """Noise and uncertainties [rad, m]."""
-
-    noise_rad: float
-    play_m: float
-    length_m: float
-    angle_rad: float
-    encoder_rad: float
-
 
 GRID = tuple(
     Choice(*sizes)
@@ -68,53 +39,9 @@ GRID = tuple(
         (0.5e-3, 1e-3),
         (1.5e-3, 3e-3),
         (10e-3,),
+        (0.0, 2e-5, 5e-5),
     )
 )
-
-
-def rig_text_of(
-    choice: Choice, *, distance: bool = True, fixtures: tuple[str, ...] = ("hole_0", "hole_1")
-) -> str:
-    """The rig from the URDF, with the play as three slides behind the tip, as a rig file."""
-    doubts = Doubts(
-        length_m=choice.length_m,
-        angle_rad=choice.angle_rad,
-        encoder_rad=choice.encoder_rad,
-        noise_rad=choice.noise_rad,
-    )
-    urdf = (DATA / "panda.urdf").read_text("utf-8")
-    text = rig_from_urdf(urdf, "ball_link", "ball", fixtures=fixtures, doubts=doubts)
-    slides = [
-        f'[[mechanism.joint]]\nname = "play_{axis}"\ntype = "prismatic"\nconvention = "urdf"\naxis = "{axis}"\n'
-        for axis in "xyz"
-    ]
-    channels = [
-        f'[[channel]]\nname = "p{axis}"\nsenses = "play_{axis}"\ngain_m_per_count = {COUNT}\n'
-        f"noise_counts = {choice.play_m / COUNT}\n"
-        for axis in "xyz"
-    ]
-    # The transform to the tip becomes the origin of the first slide.
-    text = text.replace("[mechanism.tip]\n", slides[0]).replace(
-        "[[mechanism.fixture]]", slides[1] + slides[2] + "[[mechanism.fixture]]", 1
-    )
-    return text + (DISTANCE if distance else "") + "".join(channels)
-
-
-def rig_of(choice: Choice, *, distance: bool = True) -> Rig:
-    return parse_rig(rig_text_of(choice, distance=distance))
-
-
-def poses(place: str) -> tuple[Array, NDArray[np.intp]]:
-    """Joint angles (P, 7) [rad] at ``place``, and in which socket each was taken (P,)."""
-    both = [np.loadtxt(FOLDER[place] / f"hole_{k}.csv", delimiter=",") for k in (0, 1)]
-    return np.vstack(both), np.repeat([0, 1], [len(angles) for angles in both]).astype(np.intp)
-
-
-def observed(places: tuple[str, ...], choice: Choice) -> Observations:
-    angles, sockets = poses(places[0])
-    counts = np.hstack([angles / COUNT, np.zeros((len(angles), 3))])
-    sigma = np.array([choice.noise_rad] * JOINTS + [choice.play_m] * 3) / COUNT
-    return Observations(counts, np.tile(sigma, (len(counts), 1)), Circumstances(sockets))
 
 
 @dataclass(frozen=True)
@@ -122,7 +49,7 @@ class Fit:
     """A calibration from one place."""
 
     choice: Choice
-    model: SerialModel
+    model: Model
     observed: Observations
     estimate: Estimate
     took_s: float
@@ -142,32 +69,21 @@ class Fit:
         fit = float(estimate.residual @ estimate.residual)
         return -0.5 * float(fit + closing + np.linalg.slogdet(information)[1])
 
+    def forward(self, place: str) -> Forward:
+        """The tip at the readings of ``place``, whatever socket held it."""
+        x, seen = self.estimate.parameters, observed((place,), self.choice)
+        seen = loaded(self.model, seen, read(self.model, seen.counts, x), x, None)
+        return forward(self.model, seen, x, self.estimate.space.expansion)
+
     def tips(self, place: str) -> tuple[Array, NDArray[np.intp]]:
-        """Tip positions (P, 3) [m] at the joint angles of ``place``, and their sockets."""
-        angles, sockets = poses(place)
-        x = self.estimate.parameters
-        offsets = [
-            value
-            for p, value in zip(self.estimate.space.table, x, strict=True)
-            if p.name.startswith("q") and p.name.endswith(".offset")
-        ]
-        u = np.hstack([angles + offsets, np.zeros((len(angles), 3))])
-        return self.model.end_pose(u, x, np.zeros((len(x), 0))).position, sockets
+        """Tip positions (P, 3) [m] at the readings of ``place``, and their sockets."""
+        return self.forward(place).end.position, poses(place)[1]
 
     def elsewhere(self, place: str, covariance: Array) -> float:
         """Chi-square per degree of freedom at ``place``: noise, and the covariance (n, n) of the parameters."""
-        seen, x, space = (
-            observed((place,), self.choice),
-            self.estimate.parameters,
-            self.estimate.space,
-        )
-        u = self.model.sensing.values(seen.counts, x)
-        end = self.model.end_pose(u, x, space.expansion)
-        by_values = end.by_coordinates[:, :3]
-        slopes = end.by_parameters[:, :3] + by_values @ self.model.sensing.by_parameters(
-            seen.counts, space.expansion
-        )
-        noisy = by_values * (x[self.model.sensing.gain] * seen.sigma)[:, None, :]
+        found = self.forward(place)
+        end, slopes = found.end, found.end.by_parameters[:, :3]
+        noisy = found.by_readings[:, :3] * observed((place,), self.choice).sigma[:, None, :]
         sockets, total, freedoms = poses(place)[1], 0.0, 0
         for k in (0, 1):
             rows = np.flatnonzero(sockets == k)
@@ -196,12 +112,16 @@ class Fit:
 
 
 def fit(place: str, choice: Choice, *, distance: bool = True, loss: Loss = Loss.NONE) -> Fit:
-    rig = rig_of(choice, distance=distance)
+    return fit_rig(rig_of(choice, distance=distance), choice, (place,), loss)
+
+
+def fit_rig(rig: Rig, choice: Choice, places: tuple[str, ...], loss: Loss = Loss.NONE) -> Fit:
+    """Calibrate ``rig`` from ``places``, the k-th of which has its fixtures 2 k and 2 k + 1."""
     model, space = model_of(rig), ParameterSpace.of(parameters(rig))
-    seen = observed((place,), choice)
+    seen = observed(places, choice)
     start = time.perf_counter()
+    seen = loaded(model, seen, read(model, seen.counts, space.nominal), space.nominal, None)
     estimate = likelihood.identify(model, space, seen, use_priors=True, loss=loss)
-    assert isinstance(model, SerialModel)
     return Fit(choice, model, seen, estimate, time.perf_counter() - start)
 
 

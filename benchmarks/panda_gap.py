@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from panda import FOLDER, TRAINED, Choice, poses, rig_text_of
+from panda_arm import FOLDER, TRAINED, Choice, poses, rig_text_of
 
 from recordings.reader import read_recording
 from recordings.rig import parse_rig

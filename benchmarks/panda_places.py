@@ -13,22 +13,22 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from panda import ARMS, Choice, Fit, observed, poses, rig_text_of
+from panda import Fit, fit_rig
+from panda_arm import ARMS, Choice, rig_text_of
 from rich.console import Console
 from rich.progress import track
 
-from recordings.rig import parameters, parse_rig
-from solver.estimate import likelihood
-from solver.estimate.nuisance import Observations
-from solver.mechanism.circumstances import Circumstances
-from solver.mechanism.model import model_of
-from solver.mechanism.serial import SerialModel
-from solver.mechanism.space import ParameterSpace
+from recordings.rig import parse_rig
 
 Array = NDArray[np.float64]
 
 CHOICE = Choice(
-    noise_rad=0.14e-3, play_m=0.07e-3, length_m=0.5e-3, angle_rad=1.5e-3, encoder_rad=10e-3
+    noise_rad=0.14e-3,
+    play_m=0.07e-3,
+    length_m=0.5e-3,
+    angle_rad=1.5e-3,
+    encoder_rad=10e-3,
+    compliance=5e-5,
 )
 """What `panda.py` chooses from the place front_center of panda_2_clean alone."""
 
@@ -49,17 +49,8 @@ def fit(places: tuple[str, ...], told: tuple[str, ...]) -> Fit:
         f"distance_mm = {{ nominal = {TOLD_MM}, uncertainty = 0.05 }}\n"
         for first, second in map(sockets_of, told)
     ]
-    rig = parse_rig(rig_text_of(CHOICE, distance=False, fixtures=names) + "".join(distances))
-    model, space = model_of(rig), ParameterSpace.of(parameters(rig))
-    assert isinstance(model, SerialModel)
-    parts = [observed((place,), CHOICE) for place in places]
-    seen = Observations(
-        np.vstack([part.counts for part in parts]),
-        np.vstack([part.sigma for part in parts]),
-        Circumstances(np.concatenate([2 * k + poses(p)[1] for k, p in enumerate(places)])),
-    )
-    estimate = likelihood.identify(model, space, seen, use_priors=True)
-    return Fit(CHOICE, model, seen, estimate, 0.0)
+    text = rig_text_of(CHOICE, distance=False, fixtures=names)
+    return fit_rig(parse_rig(text + "".join(distances)), CHOICE, places)
 
 
 def distance_mm(found: Fit, place: str) -> tuple[float, float]:
