@@ -5,6 +5,9 @@ one joint look alike. An effect is hidden at a strength (lambda) at which it is 
 the analysis leaves several names, up to six poses are proposed, captured, and everything is
 analysed together; so are as many random poses of the same reach, with the same revisits.
 
+Some names no reachable pose tells from the true one: twins, which the proposal names as such. A group
+without any can be resolved; of one with twins, all the others can be ruled out.
+
 Run: ``python benchmarks/next_poses.py [--seeds 2] [--jobs 2] [--json FILE]``.
 """
 
@@ -78,13 +81,23 @@ class Outcome:
     random: dict[str, float]
     random_poses: float
 
+    @property
+    def label(self) -> str:
+        """Of the effect at work."""
+        return self.case.split(" ")[0]
+
+    @property
+    def twins(self) -> tuple[str, ...]:
+        """Names that no reachable pose tells from the true one."""
+        return tuple(n for n in self.first if n not in (self.label, *self.separable))
+
     def resolved(self, left: dict[str, float]) -> bool:
         """Whether the true name has at least 95 % of what the names left have."""
-        return left.get(self.case.split(" ")[0], 0.0) >= _SURE
+        return left.get(self.label, 0.0) >= _SURE
 
     def ruled_out(self, left: dict[str, float]) -> bool:
         """Whether the true name is left, and nothing that poses can tell from it."""
-        return self.case.split(" ")[0] in left and not set(self.separable) & set(left)
+        return self.label in left and not set(self.separable) & set(left)
 
 
 def _first_rig() -> tuple[Rig, str]:
@@ -199,21 +212,27 @@ def main() -> None:
             outcomes.append(outcome)
             told = {k: round(v, 3) for k, v in outcome.first.items()}
             print(f"{outcome.case} (lambda {outcome.strength:.0f}): {told}", flush=True)
+            print(f"   twins: {', '.join(outcome.twins) or 'none'}", flush=True)
             print(f"   poses {outcome.poses}, chance {outcome.chance:.2f}", end="")
             print(f", as good as {outcome.random_poses:.0f} random ones", flush=True)
             for which in ("proposed", "random"):
                 told = {k: round(v, 3) for k, v in getattr(outcome, which).items()}
                 print(f"   {which}: {told}", flush=True)
-    open_ones = [o for o in outcomes if not o.resolved(o.first)]
+    apart = [o for o in outcomes if not o.twins and not o.resolved(o.first)]
+    twinned = [o for o in outcomes if o.twins]
+    some = [o for o in twinned if o.separable]
     print(
         f"\n{len(every)} first sessions, {single} with one name or none, {len(outcomes)} ambiguous"
     )
-    print(f"of those, without a name that has {_SURE:.0%}: {len(open_ones)}")
+    print(f"groups that reachable poses could resolve: {len(apart)}; with twins: {len(twinned)}")
     for which in ("proposed", "random"):
-        sure = sum(o.resolved(getattr(o, which)) for o in open_ones)
-        out = sum(o.ruled_out(getattr(o, which)) for o in outcomes)
-        print(f"{which}: resolved {sure} of {len(open_ones)}; ", end="")
-        print(f"all that poses can rule out ruled out, truth kept: {out} of {len(outcomes)}")
+        sure = sum(o.resolved(getattr(o, which)) for o in apart)
+        out = sum(o.ruled_out(getattr(o, which)) for o in some)
+        print(
+            f"{which}: resolved {sure} of {len(apart)}; of {len(some)} with twins and others, ",
+            end="",
+        )
+        print(f"the true name and its twins alone left in {out}")
     numbers = [o.random_poses for o in outcomes if o.poses]
     if numbers:
         print(f"random poses for the same separation, median: {np.median(numbers):.0f}")

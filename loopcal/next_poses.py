@@ -56,6 +56,7 @@ def next_text(rig: Rig, proposal: NextPoses) -> str:
         f"# Poses of rig '{rig.name}' that tell apart what a recording left open:",
         *(f"#   {pair}" for pair in told),
         f"# Chance that they decide: {proposal.chance:.0%}.",
+        *(f"# No reachable pose tells apart: {', '.join(group)}." for group in proposal.twins),
         "",
         *plan_lines(rig, proposal.plan, proposal.coordinates, proposal.coordinate_names),
     ]
@@ -93,5 +94,11 @@ def show_next(proposal: NextPoses, console: Console) -> None:
                     many,
                 )
         console.print(table)
+    for group in proposal.twins:
+        console.print(
+            f"Whatever poses are captured, these stay together: {', '.join(group)}.",
+            markup=False,
+            soft_wrap=True,
+        )
     for each in elsewise(proposal):
         console.print(each.text, markup=False, soft_wrap=True)

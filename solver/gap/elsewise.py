@@ -110,8 +110,7 @@ def _separation(
     for at in variants:
         more = contest.each(proposal.visited.stops, at, proposal.reach.sigma)
         sums = sums + more.sum(axis=0) / len(variants)
-    place = [effect.label for effect in contest.others].index(other)
-    return float(contest.separation(sums)[place])
+    return float(contest.separation(sums)[contest.rivals.index(other)])
 
 
 def _from_both_sides(at: Circumstances) -> tuple[Circumstances, ...]:

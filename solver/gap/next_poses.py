@@ -2,9 +2,10 @@
 
 Feasible poses are those that `loopcal plan` may choose from. Of them those are taken, by greedy
 choice and exchange, that maximise the smallest separation of any rival from any other (the
-T-criterion, `separation`), given what was captured already; where more than three are left, those
-that minimise the probability of a wrong choice, weighed by the evidence so far. Every pose is
-visited several times, in an order that reaches it from both sides where that tells rivals apart.
+T-criterion, `separation`), given what was captured already, whatever form a rival may take then;
+where more than three are left, those that minimise the probability of a wrong choice, weighed by the
+evidence so far. Every pose is visited several times, in an order that reaches it from both sides
+where that tells rivals apart.
 
 Separation counts in units of what decides: the screen's critical value, or of a strong effect the
 share of it that counts as its shape. Where not even a thousand poses would decide (one
@@ -14,14 +15,14 @@ effect contains the other, or both do the same), the pair takes no part and is n
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from recordings.rig import Plan
-from solver.effects.effect import Array
+from solver.effects.effect import Array, Recorded
 from solver.errors import MechanismError
 from solver.gap.search import MORE, Possible, Search
 from solver.gap.separation import Contest
@@ -35,6 +36,8 @@ _FEW = 3  # rivals up to which the worst pair counts
 _EXCHANGES = 3  # rounds
 _DRAWS = 40  # random choices that the proposed one is compared with
 _UNENDING = 1000  # poses: what so many do not decide, poses do not decide
+_FORMS = 3  # of a rival that count: the nearest by what was captured, and with more
+_SOME_POSES = 18  # visits: about as many as are proposed
 _SHAPE = 0.03  # of an effect's chi-square, as in `search`: less may be its exact shape
 
 
@@ -92,6 +95,21 @@ class NextPoses:
     reach: Reach
     visited: Visited
 
+    @property
+    def twins(self) -> tuple[tuple[str, ...], ...]:
+        """Groups of names that stay together whatever poses are captured, each name in one group at most."""
+        groups: list[set[str]] = []
+        for pair in self.pairs:
+            if pair.separable or not pair.other:
+                continue
+            joined = {pair.effect, pair.other}
+            for group in [g for g in groups if g & joined]:
+                joined |= group
+                groups.remove(group)
+            groups.append(joined)
+        order = [contest.effect.label for contest in self.contests]
+        return tuple(tuple(sorted(group, key=order.index)) for group in groups)
+
 
 @dataclass(frozen=True)
 class _Question:
@@ -100,6 +118,10 @@ class _Question:
     contests: tuple[Contest, ...]
     weights: Array
     critical: float
+
+    def in_all_forms(self, reach: Reach) -> _Question:
+        """Every rival in those forms, of all that these poses can tell apart, that come nearest to the others."""
+        return replace(self, contests=tuple(_in_forms(c, reach) for c in self.contests))
 
     def captured(self) -> tuple[Array, ...]:
         return tuple(contest.captured() for contest in self.contests)
@@ -151,11 +173,15 @@ def propose(
         MechanismError: nothing is left to be told apart, ``wanted`` is no candidate, or nothing
             can be reached safely.
     """
-    asked = _rivals(found) if wanted is None else _wanted(found, wanted)
-    captured = asked.captured()
-    best: tuple[tuple[int, float], Reach, list[int], NDArray[np.bool_], tuple[Array, ...]] | None
+    wished = _rivals(found) if wanted is None else _wanted(found, wanted)
+    best: (
+        tuple[tuple[int, float], _Question, Reach, list[int], NDArray[np.bool_], tuple[Array, ...]]
+        | None
+    )
     best = None
     for reach in reaches(found.after.fit, np.median(table.sigma[: len(table.sigma)], axis=0)):
+        asked = wished.in_all_forms(reach)
+        captured = asked.captured()
         sums = tuple(VISITS * s for s in reach.sums(asked.contests))
         separable = _separable(asked, captured, sums, reach)
         merit = asked.worth(separable)
@@ -164,9 +190,10 @@ def propose(
         value = float(merit(with_them)) if separable.any() else 0.0
         key = (int(separable.sum()), value)
         if best is None or key > best[0]:
-            best = (key, reach, chosen, separable, sums)
+            best = (key, asked, reach, chosen, separable, sums)
     assert best is not None  # reaches raises where there is none
-    _, reach, chosen, separable, sums = best
+    _, asked, reach, chosen, separable, sums = best
+    captured = asked.captured()
     merit = asked.worth(separable) if separable.any() else lambda sums: np.zeros(())
     visited = reach.visited(chosen, asked.contests, captured, merit)
     pairs = _pairs(asked, captured, visited.sums, sums, separable, len(chosen))
@@ -180,6 +207,22 @@ def propose(
         reach,
         visited,
     )
+
+
+def _in_forms(contest: Contest, reach: Reach) -> Contest:
+    """A rival may take another harmonic or moment than the one that fitted best, once more is captured."""
+    fit = contest.fit
+    recorded = Recorded(np.vstack([fit.values, reach.values()]), fit.at)
+    every = []
+    for (form,) in contest.others:
+        forms = type(form).variants(fit.model.site, form.where, recorded)
+        every.append((form, *forms) if len(forms) > 1 else (form,))
+    if all(len(forms) <= _FORMS for forms in every):
+        return replace(contest, others=tuple(every))
+    whole = replace(contest, others=tuple(every))
+    now = whole.captured()
+    later = now + _SOME_POSES / len(reach.coordinates) * reach.summed(whole)
+    return whole.nearest((now, later), _FORMS)
 
 
 def _rivals(found: Search) -> _Question:
@@ -197,7 +240,7 @@ def _rivals(found: Search) -> _Question:
             mine.effect,
             mine.after.fit.coefficients(len(mine.after.fit.effects) - 1),
             mine.after.fit,
-            tuple(other.effect for other in every if other is not mine),
+            tuple((other.effect,) for other in every if other is not mine),
             _noise(found),
         )
         for mine in every
@@ -289,7 +332,7 @@ def _pairs(
         now, then = contest.separation(old), contest.separation(new)
         drawn = np.median([contest.separation(old + sums[d].sum(axis=0)) for d in draws], axis=0)
         growth = contest.separation(old + numbers[:, None, None] * sums.mean(axis=0))
-        for r, label in enumerate([e.label for e in contest.others] or [""]):
+        for r, label in enumerate(contest.rivals or ("",)):
             enough = np.flatnonzero(growth[:, r] >= then[r])
             out.append(
                 Pair(

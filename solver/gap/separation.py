@@ -8,13 +8,15 @@ model, can take up of d what lies in the span of its columns X, and so the squar
 over all stops, those captured and those to come (Atkinson & Fedorov, "The design of experiments
 for discriminating between two rival models", Biometrika 62, 1975, linearised about A). Both
 products are sums over stops, so that each stop is worked out once. Where noise is normal the log
-likelihood of A over B is expected to be lambda / 2.
+likelihood of A over B is expected to be lambda / 2. A rival that comes in several forms (another harmonic,
+another moment) may change its form when more is known: the one that is least apart counts.
 
 Owns the sums and lambda. Which stops there could be is the business of `next_poses`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,15 +39,29 @@ class Contest:
         effect: what is at work.
         coefficients: (k,) its size, SI.
         fit: where all is linearised; it may have the effect, as its last.
-        others: the rivals; none stands for the model without any.
+        others: the rivals, each in the forms that it may take; none stands for the model without any.
         noise: variance, in units of the assumed one.
     """
 
     effect: Effect
     coefficients: Array
     fit: Fit
-    others: tuple[Effect, ...]
+    others: tuple[tuple[Effect, ...], ...]
     noise: float
+
+    @property
+    def rivals(self) -> tuple[str, ...]:
+        """Their labels."""
+        return tuple(forms[0].label for forms in self.others)
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """Fields of `Circumstances` that anything in it depends on."""
+        return frozenset(n for e in (self.effect, *self._forms) for n in e.needs)
+
+    @property
+    def _forms(self) -> tuple[Effect, ...]:
+        return tuple(form for forms in self.others for form in forms)
 
     def captured(self) -> Array:
         """(m, m) sums of products over all that was captured, and what is known beside readings."""
@@ -65,6 +81,55 @@ class Contest:
 
         A stop at which the loop does not close gives nothing.
         """
+        rows = self._stops(coordinates, at, sigma)
+        return np.asarray(np.einsum("pca,pcb->pab", rows, rows) / self.noise)
+
+    def summed(self, coordinates: Array, at: Circumstances, sigma: Array) -> Array:
+        """(m, m) the sum of `each` over all stops, which takes less memory."""
+        rows = self._stops(coordinates, at, sigma)
+        flat = rows.reshape(-1, rows.shape[2])
+        return np.asarray(flat.T @ flat / self.noise)
+
+    def separation(self, sums: Array) -> Array:
+        """(..., R) lambda from each rival, in its least distant form, of sums of products (..., m, m)."""
+        if not self.others:
+            return self.strength(sums)[..., None]
+        return np.stack([each.min(axis=-1) for each in self._apart(sums)], axis=-1)
+
+    def strength(self, sums: Array) -> Array:
+        """(...) lambda from the model without any effect."""
+        widths = sum(self._width(form) for form in self._forms)
+        plain = np.arange(sums.shape[-1] - widths - 1)
+        return self._left(sums, plain, np.zeros(0, dtype=np.intp))
+
+    def nearest(self, sums: Sequence[Array], count: int) -> Contest:
+        """The same with those forms of each rival only that are among the ``count`` least apart by any of ``sums``."""
+        apart = [self._apart(each) for each in sums]
+        kept = []
+        for number, forms in enumerate(self.others):
+            order = [np.argsort(each[number], kind="stable")[:count] for each in apart]
+            kept.append(tuple(forms[i] for i in np.unique(np.concatenate(order))))
+        return replace(self, others=tuple(kept))
+
+    def _apart(self, sums: Array) -> list[Array]:
+        """For each rival (..., F) lambda from each of its forms."""
+        widths = [self._width(form) for form in self._forms]
+        named = sums.shape[-1] - sum(widths) - 1
+        begin, plain, number = named, np.arange(named), 0
+        out = []
+        for forms in self.others:
+            each = []
+            for form in forms:
+                own = np.arange(begin, begin + widths[number])
+                coded = codes(self.fit, form)
+                taken, less = (plain, own) if coded else (np.concatenate([plain, own]), own[:0])
+                each.append(self._left(sums, taken, less))
+                begin, number = begin + len(own), number + 1
+            out.append(np.stack(each, axis=-1))
+        return out
+
+    def _stops(self, coordinates: Array, at: Circumstances, sigma: Array) -> Array:
+        """(S, C, m) `_rows` of stops that are not captured yet."""
         fit, poses = self.fit, len(coordinates)
         readings = fit.model.linearise(
             coordinates, fit.parameters, fit.space.expansion[:, :0], at
@@ -77,44 +142,18 @@ class Contest:
             settled=settled,
             jacobian=settled.jacobian.reshape(-1, settled.jacobian.shape[2]),
         )
-        rows = self._rows(there) * settled.closed[:, None, None]
-        return np.asarray(np.einsum("pca,pcb->pab", rows, rows) / self.noise)
-
-    def separation(self, sums: Array) -> Array:
-        """(..., R) lambda from each rival, of sums of products (..., m, m)."""
-        widths = [self._width(effect) for effect in self.others]
-        named = sums.shape[-1] - sum(widths) - 1
-        starts = named + np.concatenate([[0], np.cumsum(widths)]).astype(np.intp)
-        plain = np.arange(named)
-        if not self.others:
-            return self.strength(sums)[..., None]
-        out = []
-        for number, effect in enumerate(self.others):
-            own = np.arange(starts[number], starts[number + 1])
-            coded = codes(self.fit, effect)
-            out.append(
-                self._left(
-                    sums,
-                    plain if coded else np.concatenate([plain, own]),
-                    own if coded else own[:0],
-                )
-            )
-        return np.stack(out, axis=-1)
-
-    def strength(self, sums: Array) -> Array:
-        """(...) lambda from the model without any effect."""
-        widths = sum(self._width(effect) for effect in self.others)
-        plain = np.arange(sums.shape[-1] - widths - 1)
-        return self._left(sums, plain, np.zeros(0, dtype=np.intp))
+        return self._rows(there) * settled.closed[:, None, None]
 
     @staticmethod
     def _left(sums: Array, taken: NDArray[np.intp], less: NDArray[np.intp]) -> Array:
         """Squared length of the last column, ``less`` others, beside the columns ``taken``."""
-        pick = np.zeros((sums.shape[-1], len(taken) + 1))
-        pick[taken, np.arange(len(taken))] = 1.0
-        pick[-1, -1] = 1.0
-        pick[less, -1] = -1.0
-        part = pick.T @ sums @ pick
+        columns = np.append(taken, sums.shape[-1] - 1)
+        part = sums[..., columns[:, None], columns]
+        if len(less):
+            pick = np.zeros((sums.shape[-1], len(columns)))
+            pick[columns, np.arange(len(columns))] = 1.0
+            pick[less, -1] = -1.0
+            part = pick.T @ sums @ pick
         length = np.sqrt(np.maximum(np.diagonal(part, axis1=-2, axis2=-1)[..., :-1], 1e-300))
         inner = part[..., :-1, :-1] / (length[..., :, None] * length[..., None, :])
         inner = inner + _RIDGE * np.eye(inner.shape[-1])
@@ -125,7 +164,7 @@ class Contest:
     def _rows(self, fit: Fit) -> Array:
         """(P, C, m) whitened: parameters, one block a rival, and last what the effect does."""
         poses, channels = fit.residual.shape
-        found = traces(fit, [*self.others, self.effect])
+        found = traces(fit, [*self._forms, self.effect])
         whole = codes(fit, self.effect)
         own = found[-1][:, 0] if whole else found[-1] @ self.coefficients
         plain = self._unnamed(fit.jacobian[: poses * channels])

@@ -75,18 +75,29 @@ class Reach:
 
     def sums(self, contests: Sequence[Contest]) -> tuple[Array, ...]:
         """For each contest (P, m, m) of one visit of each pose, the mean of either side."""
-        needed = {n for c in contests for e in (c.effect, *c.others) for n in e.needs}
-        sides = (1.0, -1.0) if "approach" in needed else (1.0,)
+        return tuple(self._over(contest, contest.each) for contest in contests)
+
+    def summed(self, contest: Contest) -> Array:
+        """(m, m) of one visit of all poses."""
+        return self._over(contest, contest.summed)
+
+    def _over(
+        self, contest: Contest, sums: Callable[[Array, Circumstances, Array], Array]
+    ) -> Array:
+        sides = (1.0, -1.0) if "approach" in contest.needs else (1.0,)
         time = np.full(len(self.coordinates), self._lasts(10))
-        out = []
-        for contest in contests:
-            parts = [
-                contest.each(u, self._at(u, number, time, np.full(u.shape[0], side)), self.sigma)
-                for side in sides
-                for number, u in enumerate(self.places)
-            ]
-            out.append(np.sum(parts, axis=0) / len(sides))
-        return tuple(out)
+        parts = [
+            sums(u, self._at(u, number, time, np.full(u.shape[0], side)), self.sigma)
+            for side in sides
+            for number, u in enumerate(self.places)
+        ]
+        return np.asarray(np.sum(parts, axis=0) / len(sides))
+
+    def values(self) -> Array:
+        """(P, C) true values of the channels' places at all poses [rad or m]."""
+        u = self.coordinates
+        at = self._at(u, 0, np.full(len(u), self._lasts(10)))
+        return self.fit.model.values(u, self.fit.parameters, at)
 
     def plan(self, chosen: Sequence[int]) -> Plan:
         """A session at some of the poses, each visited `VISITS` times."""
@@ -105,7 +116,7 @@ class Reach:
     ) -> Visited:
         """The session at the poses ``chosen`` in the order that tells most."""
         plan = self.plan(chosen)
-        needed = {n for c in contests for e in (c.effect, *c.others) for n in e.needs}
+        needed = {n for c in contests for n in c.needs}
         best: tuple[float, Visited] | None = None
         for seed in range(plan.seed, plan.seed + (_ORDERS if "approach" in needed else 1)):
             one = plan.model_copy(update={"seed": seed})

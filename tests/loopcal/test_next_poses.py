@@ -74,7 +74,9 @@ def test_the_first_session_leaves_several_names(case: Case) -> None:
 
 def test_separation_is_what_a_rival_cannot_take_up(case: Case) -> None:
     contest = case.proposal.contests[0]
-    fit, rival = contest.fit, contest.others[0]
+    rival = contest.others[0][0]
+    contest = replace(contest, others=((rival,),))
+    fit = contest.fit
     own = fit.model.columns[-1]
     parameters = np.delete(fit.jacobian, np.searchsorted(fit.space.identified, own), axis=1)
     trace, does = traces(fit, [rival, contest.effect])
@@ -137,6 +139,26 @@ def test_what_no_pose_tells_apart_is_said(case: Case) -> None:
     assert hopeless
     assert hopeless <= set(told)
     assert all("feasible" in told[pair].text for pair in hopeless)
+    together = case.proposal.twins
+    assert {name for group in together for name in group} == {n for pair in hopeless for n in pair}
+    assert all(any(pair <= set(group) for group in together) for pair in hopeless)
+    written = next_text(careful()[0], case.proposal)
+    assert f"# No reachable pose tells apart: {', '.join(together[0])}." in written
+
+
+def test_a_rival_counts_in_the_form_that_comes_nearest(case: Case) -> None:
+    (contest,) = (c for c in case.proposal.contests if c.effect.label == HIDDEN)
+    number = contest.rivals.index("eccentricity@q2")
+    other = next(i for i in range(len(contest.others)) if len(contest.others[i]) > 1)
+    each = [
+        replace(contest, others=((form,),)).separation(
+            replace(contest, others=((form,),)).captured()
+        )[0]
+        for form in contest.others[other]
+    ]
+    found = contest.separation(contest.captured())
+    assert found[other] == pytest.approx(min(each), rel=1e-6, abs=1e-6)
+    assert len(contest.others[number]) == 1
 
 
 def test_an_effect_that_is_suspected_can_be_planned_for(case: Case) -> None:

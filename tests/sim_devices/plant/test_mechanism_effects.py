@@ -331,6 +331,11 @@ def test_a_growing_platform_keeps_its_shape(describing, shoulder_bare):
     plain = bare.mechanism.lengths(turned, shifted, times)
     grown = nature.mechanism.lengths(turned, shifted, times)
     np.testing.assert_allclose(grown, plain * (1 + 1e-5 * times[:, None]), rtol=1e-12)
+    rig = describing("shoulder", "thermal-growth", "links", rate_ppm_per_s=10, decay_per_s=0.02)
+    nature = nature_of(rig, make_nature(rig, 4).truth)
+    warmer = 5e-4 * (1 - np.exp(-times[:, None] / 50.0))
+    grown = nature.mechanism.lengths(turned, shifted, times)
+    np.testing.assert_allclose(grown, plain * (1 + warmer), rtol=1e-12)
 
 
 @pytest.mark.parametrize(
