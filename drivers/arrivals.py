@@ -9,7 +9,7 @@ and that has no clock: so small a counter goes back at every wrap.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from drivers.counters import WrappingCounter
 from recordings.events import Reading, ReadingFlag
@@ -18,9 +18,8 @@ FEWEST_BITS = 9
 """Of a counter whose going back means a restart."""
 
 
-@dataclass(frozen=True, slots=True)
-class Arrival:
-    """One sample.
+class Arrival(NamedTuple):
+    """One sample; a tuple, because some thousands come in a second.
 
     Attributes:
         sequence: the sample counter modulo 2**32, None where there is none.

@@ -16,8 +16,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import can
 from can.exceptions import error_check
@@ -41,9 +40,8 @@ EXTENDED = 1 << 31
 logging.getLogger("can").addHandler(logging.NullHandler())
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """A CAN data frame.
+class Frame(NamedTuple):
+    """A CAN data frame; a tuple, because a full bus has 9,000 of them a second.
 
     Attributes:
         identifier: CAN identifier, with `EXTENDED` set where it has 29 bits.

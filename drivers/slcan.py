@@ -24,6 +24,8 @@ import re
 import time
 from binascii import unhexlify
 from collections import deque
+from functools import lru_cache
+from itertools import islice
 from typing import Any
 
 import can
@@ -59,9 +61,8 @@ RELAXATION = 2e-4
 """How fast an estimate of the adapter's offset gives way, so that it can follow a drifting clock."""
 
 
-_DATA, _ZERO = b"t0"
 _PLAIN = 5  # bytes of a data frame with 11-bit identifier and without time stamp, before its data
-_LONGEST_PLAIN = _PLAIN + 2 * LONGEST_DATA
+_PLAIN_HEAD = re.compile(rb"t[0-7][0-9A-Fa-f]{2}[0-8]")
 _DIGITS = re.compile(rb"[0-9A-Fa-f]*")
 
 
@@ -146,6 +147,14 @@ def decode(line: bytes) -> SlcanMessage | None:
 
 def _shown(line: bytes) -> str:
     return repr(line[:SHOWN_BYTES].decode("ascii", "backslashreplace"))
+
+
+@lru_cache(maxsize=4096)
+def _plain_head(head: bytes) -> tuple[int, int]:
+    """Identifier and length of the lines that begin so, of plain data frames; -1 for others."""
+    if not _PLAIN_HEAD.fullmatch(head):
+        return 0, -1
+    return int(head[1:4], 16), _PLAIN + 2 * int(head[4:])
 
 
 class LineBuffer:
@@ -320,24 +329,16 @@ class SlcanBus(can.BusABC):
         if not self._received:
             self._fill(timeout)
         frames: list[tuple[int, bytes]] = []
-        lines = self._received
-        while lines and len(frames) < most:
-            line = lines[0]
-            if (
-                not _PLAIN <= len(line) <= _LONGEST_PLAIN
-                or line[0] != _DATA
-                or len(line) != _PLAIN + 2 * (line[4] - _ZERO)
-            ):
+        for line in islice(self._received, most):
+            identifier, size = _plain_head(line[:_PLAIN])
+            if len(line) != size:
                 break
             try:
-                identifier = int.from_bytes(unhexlify(b"0" + line[1:4]), "big")
-                data = unhexlify(line[_PLAIN:])
+                frames.append((identifier, unhexlify(line[_PLAIN:])))
             except ValueError:
                 break
-            if identifier > LARGEST_STANDARD_ID:
-                break
-            lines.popleft()
-            frames.append((identifier, data))
+        for _ in frames:
+            self._received.popleft()
         return frames
 
     def _fill(self, timeout: float | None) -> None:

@@ -122,11 +122,11 @@ class StreamTally:
         missing = step - 1
         if missing > room and not self._anew:
             self._doubtful = missing
-        else:
+        elif missing > 0:
             # Behind a counter that went back, another jump may be its way to where it was.
             missing = min(missing, room)
             self._step_over(missing)
-            self._room -= max(missing, 0)
+            self._room -= missing
         self._anew = False
 
     def _step_over(self, missing: int) -> None:
@@ -136,12 +136,12 @@ class StreamTally:
 
     def _room_until(self, time_ns: int) -> int:
         """How many readings more than this one the time can have held, as far as it is known."""
-        known = [self._period_ns] if self._period_ns is not None else []
-        if self._pauses >= FEWEST_PAUSES and self._mean_ns > 0:
-            known.append(round(self._mean_ns))
-        if not known or self._last_ns is None:
+        period_ns: float | None = self._period_ns
+        if self._pauses >= FEWEST_PAUSES and self._mean_ns > 0.0:
+            period_ns = self._mean_ns if period_ns is None else min(period_ns, self._mean_ns)
+        if period_ns is None or self._last_ns is None:
             return 1 << 32
-        passed = HURRY * (time_ns - self._last_ns) / max(min(known), 1)
+        passed = HURRY * (time_ns - self._last_ns) / max(period_ns, 1.0)
         self._room = max(min(self._room, ROOM) + passed - 1.0, 0.0)
         return int(self._room)
 
