@@ -105,14 +105,9 @@ class Arrivals:
         if restarted:
             self._restart(counter, ticks)
             step = None
-        return Arrival(
-            sequence=None if self._counter is None else (self._counter.value or 0) % (1 << 32),
-            device_time_ns=None
-            if self._clock is None
-            else (self._clock.value or 0) * self._tick_ns,
-            step=step,
-            restarted=restarted,
-        )
+        sequence = None if self._counter is None else (self._counter.value or 0) % (1 << 32)
+        device_ns = None if self._clock is None else (self._clock.value or 0) * self._tick_ns
+        return Arrival(sequence, device_ns, step, restarted)
 
     def _step(self, counter: int | None, since_ns: int) -> int | None:
         if self._counter is None or counter is None:

@@ -47,7 +47,9 @@ class SilenceWatch:
         """Something was heard; whether that ends a silence."""
         if self._looked_ns is None:
             return False
-        self._looked_ns, self._listened_ns = max(self._looked_ns, now_ns), 0
+        if now_ns > self._looked_ns:
+            self._looked_ns = now_ns
+        self._listened_ns = 0
         ended, self.silent = self.silent, False
         return ended
 

@@ -105,7 +105,7 @@ class WatchedLink:
                 if watch is not None:
                     if self._restarted:
                         found += self._goes_on(watch.device, event.time_ns)
-                    found += watch.take(event, self._explained(watch))
+                    found += watch.take(event, bool(self._open) and self._explained(watch))
             elif isinstance(event, Fault):
                 self._note(event)
         if self._look_ns is not None and (now_ns := self._clock.now_ns()) >= self._look_ns:
@@ -166,8 +166,6 @@ class WatchedLink:
                     watch.forget_counter()
 
     def _explained(self, watch: _ChannelWatch) -> bool:
-        if not self._open:
-            return False
         return any(source in (watch.device, self.name) for source, _ in self._open)
 
 

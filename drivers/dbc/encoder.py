@@ -86,7 +86,6 @@ class MessageTrack:
         self.name = message.name
         self.identifier = message.identifier
         self._invalid = options.invalid
-        self._channels = [(channel.name, signal) for channel, signal in channels]
         self._counter = _optional(message, options.counter)
         self._clock = _optional(message, options.clock)
         period_ns = message.period_ns if options.cycle_ms is None else options.cycle_ms * 1_000_000
@@ -96,10 +95,11 @@ class MessageTrack:
             tick_ns=options.clock_tick_us * 1000,
             period_ns=period_ns,
         )
-        self.tallies = {
-            name: StreamTally(None if signal.multiplexed else period_ns)
-            for name, signal in self._channels
-        }
+        self._channels = [
+            (channel.name, signal, StreamTally(None if signal.multiplexed else period_ns))
+            for channel, signal in channels
+        ]
+        self.tallies = {name: tally for name, _, tally in self._channels}
         self.timeout_ns = UNKNOWN_SILENCE_NS
         if options.timeout is not None:
             self.timeout_ns = round(options.timeout * SECOND)
@@ -109,38 +109,27 @@ class MessageTrack:
 
     def readings(self, frame: Frame) -> tuple[list[Reading], bool]:
         """The readings in a frame, and whether the device has restarted; raises Malformed."""
-        data = frame.data
-        values = [(name, signal, signal.raw(data)) for name, signal in self._channels]
+        data, time_ns = frame.data, frame.time_ns
+        values = [signal.raw(data) for _, signal, _ in self._channels]
         arrival = self._arrivals.take(
-            frame.time_ns, _unsigned(self._counter, data), _unsigned(self._clock, data)
+            time_ns, _unsigned(self._counter, data), _unsigned(self._clock, data)
         )
-        doubled = self.watch.doubled
-        device_time_ns = None if doubled else arrival.device_time_ns
+        sequence, device_time_ns, step, restarted = arrival
+        flags = arrival.flags
+        if self.watch.doubled:
+            # Whose reading it is, and whose counter, cannot be known.
+            sequence, device_time_ns, step, restarted = None, None, 1, False
+            flags = ReadingFlag.DEVICE_ERROR
+        if device_time_ns is None:
+            device_time_ns = frame.device_time_ns
         readings = []
-        for name, signal, raw in values:
+        for (name, signal, tally), raw in zip(self._channels, values, strict=True):
             if raw is None:
                 continue
-            flags = arrival.flags
-            if doubled:
-                # Whose reading it is, and whose counter, cannot be known.
-                flags = ReadingFlag.DEVICE_ERROR
-            if raw == self._invalid:
-                flags |= ReadingFlag.DEVICE_ERROR
-            step = 1 if doubled else arrival.step
-            self.tallies[name].receive(frame.time_ns, None if signal.multiplexed else step)
-            readings.append(
-                Reading(
-                    channel=name,
-                    time_ns=frame.time_ns,
-                    raw=raw,
-                    device_time_ns=frame.device_time_ns
-                    if device_time_ns is None
-                    else device_time_ns,
-                    sequence=None if doubled else arrival.sequence,
-                    flags=flags,
-                )
-            )
-        return readings, arrival.restarted and not doubled
+            own = flags | ReadingFlag.DEVICE_ERROR if raw == self._invalid else flags
+            tally.receive(time_ns, None if signal.multiplexed else step)
+            readings.append(Reading(name, time_ns, raw, device_time_ns, sequence, own))
+        return readings, restarted
 
 
 def _optional(message: DbcMessage, name: str | None) -> DbcSignal | None:
@@ -240,14 +229,14 @@ class DbcEncoder:
         if not self._started:
             return ()
         readings, restarted = track.readings(frame)
-        events: list[Event] = []
+        events: Sequence[Event] = readings
         if track.watch.hear(frame.time_ns):
             text = f"{self.name} sends {track.name} again"
-            events.append(Fault(frame.time_ns, self.name, FaultKind.ANSWERING, text))
+            events = [Fault(frame.time_ns, self.name, FaultKind.ANSWERING, text), *readings]
         if restarted:
             text = f"{self.name} has restarted by itself: its counter or clock began anew"
             self._wire.fault(frame.time_ns, self.name, FaultKind.RESTARTED, text)
-        return [*events, *readings]
+        return events
 
     def serve(self, now_ns: int) -> Sequence[Event]:
         """Say once of each message that it has not come for long, or that two send it."""

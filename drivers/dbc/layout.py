@@ -39,8 +39,11 @@ class SignalLayout:
     def raw(self, data: bytes) -> int:
         """Raw value in a frame's ``data``; raises Malformed where the frame is too short for it."""
         length = self.length
-        value = int.from_bytes(data, "little" if self.little_endian else "big")
-        value = value >> self._shift(len(data)) & (1 << length) - 1
+        if self.little_endian and self.start + length <= 8 * len(data):
+            value = int.from_bytes(data, "little") >> self.start
+        else:
+            value = int.from_bytes(data, self._order) >> self._shift(len(data))
+        value &= (1 << length) - 1
         if self.signed and value >> (length - 1):
             value -= 1 << length
         return value
