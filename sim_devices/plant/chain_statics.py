@@ -16,6 +16,9 @@ rests on the fixture.
 With S_j the first moment and M_j the mass of what joint j moves against the base, a revolute
 joint has Q_j = axis_j . (S_j - M_j o_j) x g, a prismatic one M_j axis_j . g.
 
+What leans on joint j about its origin is (S_j - M_j o_j) x g of the weights, and of the fixture's push
+on the end its moment about o_j; across the axis the joint's bearing carries it.
+
 Owns loads only: what gives way under them are effects (`sim_devices.plant.effects`).
 """
 
@@ -42,11 +45,14 @@ class ChainLoads:
         torque: (n, J) that each drive exerts on the link behind it [Nm, or N of a slide].
         force: (n, 3) that the end of the chain exerts on the fixture [N], in the fixture's axes.
         moment: (n, 3) likewise, about the fixture's origin [Nm].
+        leaning: (n, J, 3) moment of all that acts behind each joint, about the joint's origin, in the
+            axes of the frame before it turns [Nm]; what the bearing holds across the joint's axis, z.
     """
 
     torque: Array
     force: Array
     moment: Array
+    leaning: Array
 
     def seen_from(self, frame: Fixed | None) -> tuple[Array, Array]:
         """Force and moment (n, 3) in the axes of ``frame`` (n, ...) and about its origin; None changes nothing."""
@@ -118,9 +124,10 @@ class ChainStatics:
         of_turn = np.sum(axis * cross(lever, gravity[:, None]), axis=2)
         of_slide = mass * np.sum(axis * gravity[:, None], axis=2)
         work = np.where(self._revolute, of_turn, of_slide)
+        weight = cross(lever, gravity[:, None])
         if self._compensated:
             nothing = np.zeros((len(work), 3))
-            return ChainLoads(-work, nothing, nothing)
+            return ChainLoads(-work, nothing, nothing, _in_frames(frames, weight))
 
         _, rate = self._chain.closure_of(turns, frames, origins)
         held = np.eye(variables.shape[1])[self._held]
@@ -133,7 +140,9 @@ class ChainStatics:
         turning = axis * self._revolute[:, None]
         twist = np.concatenate([cross(at, turning) + axis * ~self._revolute[:, None], turning], 2)
         wrench = _least_squares(twist.transpose(0, 2, 1), by_closure)
-        return ChainLoads(torque, -wrench[:, :3], -wrench[:, 3:])
+        pushed = wrench[:, None, 3:] - cross(at, np.broadcast_to(wrench[:, None, :3], at.shape))
+        leaning = _in_frames(frames, weight + pushed)
+        return ChainLoads(torque, -wrench[:, :3], -wrench[:, 3:], leaning)
 
     def _moved(self, centre: Array) -> tuple[Array, Array]:
         """Mass (J,) that each joint moves against the base, and its first moment (n, J, 3), signed.
@@ -151,6 +160,11 @@ class ChainStatics:
             np.where(behind, mass_behind, -mass_before),
             np.where(behind[:, None], moment_behind, -moment_before),
         )
+
+
+def _in_frames(frames: Array, moment: Array) -> Array:
+    """Moments (n, J, 3) in the axes of the frames before each joint."""
+    return np.asarray((frames[:, :-1] @ moment[..., None])[..., 0])
 
 
 def _least_squares(rows: Array, wanted: Array) -> Array:

@@ -25,6 +25,7 @@ _ON = {
     "approach": "the side from which a position was reached",
     "rate": "speed",
     "torque": "load",
+    "moment": "load",
     "force": "load",
 }
 _POINTS = 721  # half a degree apart over a turn

@@ -162,12 +162,14 @@ class Effect(ABC):
         name: of the effect, as in the catalogue.
         scanned: whether the effect comes in `variants` that differ in a setting found by search
             (a moment, a harmonic), which a screen has to pay for.
+        local: whether its shape is known only over the values at which it was seen: a series, not a law.
         needs: fields of `Circumstances` without which it does nothing ("torque" and "force" are
             computed, and readings in motion added, only for effects that need them).
     """
 
     name: ClassVar[str]
     scanned: ClassVar[bool] = False
+    local: ClassVar[bool] = False
     needs: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, site: Site, where: str) -> None:

@@ -23,7 +23,7 @@ from solver.mechanism.statics import loads
 
 Array = NDArray[np.float64]
 
-_LOADS = frozenset({"torque", "force"})
+_LOADS = frozenset({"torque", "moment", "force"})
 
 
 def needs(rig: Rig) -> frozenset[str]:
@@ -54,7 +54,7 @@ def loaded(
         return observed
     at = observed.at or Circumstances()
     found = loads(model.site.rig, coordinates, parameters[: model.named], held, at)
-    return replace(observed, at=at.loaded(found.torque, found.force))
+    return replace(observed, at=at.loaded(found.torque, found.force, found.moment))
 
 
 def require_shown(model: Model, space: ParameterSpace, at: Circumstances | None) -> None:

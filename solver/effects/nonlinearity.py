@@ -28,6 +28,7 @@ class Nonlinearity(Effect):
 
     name = "nonlinearity"
     scanned = True
+    local = True
 
     def __init__(
         self, site: Site, where: str, low: float, high: float, orders: Sequence[int]

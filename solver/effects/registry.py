@@ -12,6 +12,7 @@ from importlib.metadata import entry_points
 
 from solver.effects.axis_offset import AxisOffset
 from solver.effects.backlash import Backlash
+from solver.effects.bearing_compliance import BearingCompliance
 from solver.effects.crosstalk import Crosstalk
 from solver.effects.effect import Effect
 from solver.effects.fixture import FixtureCompliance, FixtureSlip
@@ -43,6 +44,7 @@ BUILT_IN: tuple[type[Effect], ...] = (
     StuckBit,
     Saturation,
     JointCompliance,
+    BearingCompliance,
     FixtureCompliance,
     FixtureSlip,
     LinkGeometry,

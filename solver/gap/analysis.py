@@ -219,7 +219,7 @@ def first_fit(
     observed = Observations(
         table.counts,
         censored(table.sigma, table, beside),
-        (observed.at or Circumstances()).loaded(found.torque, found.force),
+        (observed.at or Circumstances()).loaded(found.torque, found.force, found.moment),
     )
     start = np.concatenate([estimate.parameters, coefficients])
     fit = refit(site, effects, observed, start, estimate.coordinates, priors=priors)

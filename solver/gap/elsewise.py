@@ -120,8 +120,8 @@ def _from_both_sides(at: Circumstances) -> tuple[Circumstances, ...]:
 
 
 def _loaded(at: Circumstances) -> tuple[Circumstances, ...]:
-    torque, force = (None if v is None else _PAYLOAD * v for v in (at.torque, at.force))
-    return (at.loaded(torque, force),)
+    known = (at.torque, at.force, at.moment)
+    return (at.loaded(*(None if load is None else _PAYLOAD * load for load in known)),)
 
 
 def _later(at: Circumstances) -> tuple[Circumstances, ...]:
@@ -132,6 +132,6 @@ _CHANGES: Mapping[
     str, tuple[frozenset[str], Callable[[Circumstances], tuple[Circumstances, ...]]]
 ] = {
     "direction": (frozenset({"approach"}), _from_both_sides),
-    "payload": (frozenset({"torque", "force"}), _loaded),
+    "payload": (frozenset({"torque", "force", "moment"}), _loaded),
     "time": (frozenset({"time_s"}), _later),
 }

@@ -165,7 +165,7 @@ class Reach:
         held = np.zeros((len(u), len(rig.mechanism.places)), dtype=bool)
         held[:, list(self.drives)] = True
         found = loads(rig, u, x, held, at)
-        return at.loaded(found.torque, found.force)
+        return at.loaded(found.torque, found.force, found.moment)
 
 
 def reaches(fit: Fit, sigma: Array) -> tuple[Reach, ...]:

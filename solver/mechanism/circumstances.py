@@ -28,6 +28,8 @@ class Circumstances:
         noise: (P, C) standard deviation of one sample [counts], as quantisation sees it.
         torque: (P, J) what the drive of each joint exerts on its link [Nm or N], or the tension
             of each leg [N], in the order of the mechanism's places.
+        moment: (P, J, 2) what holds each turning joint exerts on its link about the two axes across
+            the joint's own, those of its tilts [Nm]; 0 of a slide. None of a platform.
         force: (P, 3) what the mechanism exerts on its fixture [N], in the fixture's axes (the
             base frame's where the rig has no fixtures, or is a platform).
         begun_s: (P,) when the pose's own session began, on the axis of ``time_s`` [s]; None where
@@ -40,6 +42,7 @@ class Circumstances:
     rate: Array | None = None
     noise: Array | None = None
     torque: Array | None = None
+    moment: Array | None = None
     force: Array | None = None
     begun_s: Array | None = None
 
@@ -68,6 +71,8 @@ class Circumstances:
         }
         return Circumstances(**known)
 
-    def loaded(self, torque: Array | None, force: Array | None) -> Circumstances:
+    def loaded(
+        self, torque: Array | None, force: Array | None, moment: Array | None
+    ) -> Circumstances:
         """The same with loads."""
-        return replace(self, torque=torque, force=force)
+        return replace(self, torque=torque, force=force, moment=moment)

@@ -148,16 +148,24 @@ def mechanism_model(rig: Rig, table: tuple[Parameter, ...], *, imperfect: bool =
     return Tracked.of(rig, inner, table) if rig.trackers else inner
 
 
+TILTS = ("tilt_1", "tilt_2")
+"""Of a turning joint; where it turns about x, y, z they are about y and z, z and x, x and y."""
+
+
 def imperfections(rig: Rig) -> tuple[str, ...]:
     """Names of what is zero in every rig description, and what only effects move.
 
     ``mount.x`` ... ``mount.rz``: displacement of the fixture, in its own frame, in the order of
     the transform Tx Ty Tz Rz Ry Rx; of a rig without fixtures, displacement of all that lies
     before its base frame, in the base frame; of a platform, of its plate (``x``, ``y``, ``z``).
+    ``joint1.tilt_1``, ``joint1.tilt_2`` ...: tilt of a turning joint about the two axes across its own,
+    `TILTS`, in the frame before it turns.
     ``leg1.base.x``, ``leg1.plate.x`` ...: displacement of one leg's end from the point it shares.
     """
     if isinstance(rig.mechanism, SerialMechanism):
-        return tuple(f"mount.{part}" for part in ("x", "y", "z", "rx", "ry", "rz"))
+        mount = (f"mount.{part}" for part in ("x", "y", "z", "rx", "ry", "rz"))
+        turning = (joint.name for joint in rig.mechanism.joints if joint.type == "revolute")
+        return (*mount, *(f"{name}.{tilt}" for name in turning for tilt in TILTS))
     ends = tuple(
         f"{leg.name}.{end}.{axis}"
         for leg in rig.mechanism.legs

@@ -5,6 +5,7 @@ links have the potential energy V(u, m),
 
     dV/du_f + C_f' lambda = 0          for the coordinates f that nothing holds,
     tau_j   = dV/du_j + C_j' lambda    what the drive of joint j exerts on its link,
+    moment  = dV/dt + C_t' lambda      what holds a joint against tilts t across its axis,
     force   = -(dV/dm + C_m' lambda)   what the mechanism exerts on its fixture.
 
 With enough free joints the first row determines lambda: loads then follow from masses alone. Where
@@ -12,13 +13,15 @@ it does not, drives could brace themselves against each other, and nobody knows 
 load is given. Of a platform, tensions T with dV/du + (dL/du)' T = 0; where there are more legs than
 freedoms equal legs share, which is the solution of least norm.
 
-Of an arm under gravity compensation tau_j = dV/du_j at every joint, and the fixture bears nothing.
+Of an arm under gravity compensation lambda = 0: every joint carries what it moves, and the fixture
+bears nothing.
 
 Owns loads at given coordinates. What yields under them is the business of effects.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +31,7 @@ from recordings.rig import PlatformMechanism, Rig, SerialMechanism, parameters
 from solver.mechanism.chain import Chain, Motion
 from solver.mechanism.circumstances import Circumstances
 from solver.mechanism.links import joint_motions
-from solver.mechanism.model import imperfections, mechanism_model
+from solver.mechanism.model import TILTS, imperfections, mechanism_model
 from solver.mechanism.rotation import left_jacobian
 
 Array = NDArray[np.float64]
@@ -46,11 +49,14 @@ class Loads:
             platform the tension of each leg [N].
         force: (P, 3) what the mechanism exerts on its fixture, in the fixture's axes (the base
             frame's where there is none); of a pivoted platform, on its pivot [N].
+        moment: (P, J, 2) what holds each turning joint across its axis, about the axes of its tilts
+            [Nm]; 0 of a slide. None of a platform.
         why: in words for the user; empty where all is known.
     """
 
     torque: Array | None
     force: Array | None
+    moment: Array | None = None
     why: str = ""
 
 
@@ -87,7 +93,7 @@ def loads(
     """
     why = why_unloaded(rig)
     if why is not None:
-        return Loads(None, None, why)
+        return Loads(None, None, why=why)
     if isinstance(rig.mechanism, PlatformMechanism):
         return _on_legs(rig, rig.mechanism, coordinates, parameters)
     if rig.mechanism.standing == "gravity-compensated":
@@ -96,11 +102,12 @@ def loads(
         return Loads(
             None,
             None,
-            "nobody recorded which joints a drive held: loads are computed for driven sessions, and where the "
-            'mechanism has standing = "gravity-compensated"',
+            why="nobody recorded which joints a drive held: loads are computed for driven sessions, and where "
+            'the mechanism has standing = "gravity-compensated"',
         )
     torque = np.zeros((len(coordinates), held.shape[1]))
     force = np.zeros((len(coordinates), 3))
+    moment = np.zeros((*torque.shape, len(TILTS)))
     why = ""
     for pattern in np.unique(held, axis=0):
         rows = np.flatnonzero((held == pattern).all(axis=1))
@@ -109,29 +116,56 @@ def loads(
         if found.torque is None:
             return found
         torque[rows] = found.torque
-        if found.force is None:
+        if found.force is None or found.moment is None:
             why = found.why
         else:
-            force[rows] = found.force
-    return Loads(torque, None if why else force, why)
+            force[rows], moment[rows] = found.force, found.moment
+    return Loads(torque, None, None, why) if why else Loads(torque, force, moment)
+
+
+@dataclass(frozen=True, slots=True)
+class _Chain:
+    """A chain with its imperfections, at P poses.
+
+    Attributes:
+        rig: without effects.
+        values: (N + I,) parameters, and zeros for the imperfections.
+        index: of every one of them, by name.
+        tilts: (J, 2) which of them are the tilts of each joint; -1 of a slide.
+        coordinates: (P, U).
+    """
+
+    rig: Rig
+    mechanism: SerialMechanism
+    values: Array
+    index: Mapping[str, int]
+    tilts: NDArray[np.intp]
+    coordinates: Array
+
+    @classmethod
+    def of(cls, rig: Rig, mechanism: SerialMechanism, coordinates: Array, values: Array) -> _Chain:
+        plain = rig.model_copy(update={"effects": ()})
+        named = [p.name for p in parameters(plain)]
+        names = (*named, *imperfections(plain))
+        index = {name: i for i, name in enumerate(names)}
+        x = np.concatenate([values[: len(named)], np.zeros(len(names) - len(named))])
+        tilts = [[index.get(f"{place}.{t}", -1) for t in TILTS] for place in mechanism.places]
+        return cls(plain, mechanism, x, index, np.array(tilts, dtype=np.intp), coordinates)
 
 
 def _compensated(rig: Rig, mechanism: SerialMechanism, coordinates: Array, values: Array) -> Loads:
     """Loads of a chain each of whose joints carries the weight of what it moves."""
-    plain = rig.model_copy(update={"effects": ()})
-    table = parameters(plain)
-    x = np.concatenate([values[: len(table)], np.zeros(len(imperfections(plain)))])
-    weight, _ = _weight(plain, mechanism, coordinates, x)
-    torque = weight[:, : len(mechanism.joints)]
+    weight = _weight(_Chain.of(rig, mechanism, coordinates, values))
+    torque = weight.by_coordinates[:, : len(mechanism.joints)]
     slack = [k for k, place in enumerate(mechanism.places) if rig.sensed_by(place) is None]
     if np.abs(torque[:, slack]).max(initial=0.0) > _BALANCED * float(np.abs(torque).max()):
         names = ", ".join(mechanism.places[k] for k in slack)
         return Loads(
             None,
             None,
-            f"weight rests on joints without a sensor ({names}), which have no drive to compensate it",
+            why=f"weight rests on joints without a sensor ({names}), which have no drive to compensate it",
         )
-    return Loads(torque, np.zeros((len(coordinates), 3)))
+    return Loads(torque, np.zeros((len(coordinates), 3)), weight.by_tilts)
 
 
 def _in_chain(
@@ -143,79 +177,95 @@ def _in_chain(
     at: Circumstances | None,
 ) -> Loads:
     """Loads of a chain whose joints ``held`` (J,) are held by drives."""
-    plain = rig.model_copy(update={"effects": ()})
-    table = parameters(plain)
-    behind = len(imperfections(plain))
-    x = np.concatenate([values[: len(table)], np.zeros(behind)])
-    mount = np.zeros((len(x), 3))
-    mount[len(table) + np.arange(3), np.arange(3)] = 1.0
-    closed = mechanism_model(plain, table, imperfect=True).linearise(coordinates, x, mount, at)
-    weight, on_mount = _weight(plain, mechanism, coordinates, x)
+    chain = _Chain.of(rig, mechanism, coordinates, values)
+    turning = chain.tilts[:, 0] >= 0
+    moved = [chain.index[f"mount.{axis}"] for axis in "xyz"] + chain.tilts[turning].ravel().tolist()
+    directions = np.zeros((len(chain.values), len(moved)))
+    directions[moved, np.arange(len(moved))] = 1.0
+    model = mechanism_model(chain.rig, parameters(chain.rig), imperfect=True)
+    closed = model.linearise(coordinates, chain.values, directions, at)
+    weight = _weight(chain)
     joints = len(mechanism.joints)
     driven = np.zeros(coordinates.shape[1], dtype=bool)
     driven[:joints] = held
     by_u = np.swapaxes(closed.closure_by_coordinates, 1, 2)
-    by_mount = np.swapaxes(closed.closure_by_parameters, 1, 2)
+    by_moved = np.swapaxes(closed.closure_by_parameters, 1, 2)
     free = by_u[:, ~driven]
     inverse = np.linalg.pinv(free, rcond=_RANK)
-    multiplier = -(inverse @ weight[:, ~driven, None])
-    borne = weight + (by_u @ multiplier)[:, :, 0]
-    most = float(np.abs(weight).max())
+    multiplier = -(inverse @ weight.by_coordinates[:, ~driven, None])
+    borne = weight.by_coordinates + (by_u @ multiplier)[:, :, 0]
+    most = float(np.abs(weight.by_coordinates).max())
     if np.abs(borne[:, ~driven]).max(initial=0.0) > _BALANCED * most:
         names = ", ".join(j.name for j, h in zip(mechanism.joints, held, strict=True) if h)
         return Loads(
             None,
             None,
-            f"the held joints ({names or 'none'}) do not carry the mechanism: it would fall",
+            why=f"the held joints ({names or 'none'}) do not carry the mechanism: it would fall",
         )
     left = np.eye(by_u.shape[2]) - inverse @ free  # (P, K, K) multipliers that nothing free feels
     if np.abs(by_u[:, driven] @ left).max(initial=0.0) > _BALANCED:
         return Loads(
             None,
             None,
-            "more joints were held than the mechanism has freedoms, so that their drives may brace each "
-            "other: let all but as many joints go free as it has freedoms",
+            why="more joints were held than the mechanism has freedoms, so that their drives may brace "
+            "each other: let all but as many joints go free as it has freedoms",
         )
     torque = np.where(driven, borne, 0.0)[:, :joints]
-    force = -(on_mount + (by_mount @ multiplier)[:, :, 0])
-    if np.abs(by_mount @ left).max(initial=0.0) > _BALANCED:
+    if np.abs(by_moved @ left).max(initial=0.0) > _BALANCED:
         return Loads(
             torque,
             None,
-            "the mechanism may be braced within its fixture, so that the force on it is not known",
+            why="the mechanism may be braced within its fixture, so that the force on it is not known",
         )
-    return Loads(torque, force)
+    reaction = (by_moved @ multiplier)[:, :, 0]
+    moment = weight.by_tilts
+    moment[:, turning] += reaction[:, 3:].reshape(len(moment), -1, len(TILTS))
+    return Loads(torque, -(weight.by_mount + reaction[:, :3]), moment)
 
 
-def _weight(
-    rig: Rig, mechanism: SerialMechanism, coordinates: Array, values: Array
-) -> tuple[Array, Array]:
-    """(P, U) dV/du of the links' weights [Nm or N], and (3,) dV/dm with the mount, in the base frame.
+@dataclass(frozen=True, slots=True)
+class _Weight:
+    """How the links' potential energy V changes.
+
+    Attributes:
+        by_coordinates: (P, U) [Nm or N].
+        by_mount: (3,) with the mount, in the base frame [N].
+        by_tilts: (P, J, 2) [Nm].
+    """
+
+    by_coordinates: Array
+    by_mount: Array
+    by_tilts: Array
+
+
+def _weight(chain: _Chain) -> _Weight:
+    """The links' weights.
 
     Gravity is that of the base frame. Links between the start of the chain and the base are moved
     by the joints between them and the base, backwards; and with the mount, where the base frame has
     no fixture and the mount stands before it.
     """
-    assert rig.gravity is not None
-    gravity = np.array(rig.gravity)
-    index = {p.name: i for i, p in enumerate(parameters(rig))}
+    mechanism, coordinates, values = chain.mechanism, chain.coordinates, chain.values
+    assert chain.rig.gravity is not None
+    gravity = np.array(chain.rig.gravity)
     motions: list[Motion] = []
     ends = []
     for u, joint in enumerate(mechanism.joints):
-        motions += joint_motions(joint, index, u)
+        motions += joint_motions(joint, chain.index, u)
         ends.append(len(motions))
     names = mechanism.places
     behind = -1 if mechanism.base is None else names.index(mechanism.base)
     base = ends[behind] if behind >= 0 else 0
     by_u = np.zeros(coordinates.shape)
     by_mount = np.zeros(3)
+    by_value = np.zeros((len(coordinates), len(values)))
     for i, joint in enumerate(mechanism.joints):
         if not joint.mass or joint.com is None:
             continue
         com = np.array(joint.com)
         part = slice(min(base, ends[i]), max(base, ends[i]))
-        chain = motions[part]
-        reached = Chain(tuple(chain)).reach(coordinates, values)
+        between = motions[part]
+        reached = Chain(tuple(between)).reach(coordinates, values)
         ahead = (
             i > behind
         )  # the chain leads from the base to the link, else from the link to the base
@@ -227,10 +277,13 @@ def _weight(
             if not mechanism.fixtures:
                 by_mount -= joint.mass * gravity
         rising = -joint.mass * rates @ gravity
-        for m, motion in enumerate(chain):
+        for m, motion in enumerate(between):
             if motion.coordinate >= 0:
                 by_u[:, motion.coordinate] += motion.sign * rising[:, m]
-    return by_u, by_mount
+            if motion.parameter >= 0:
+                by_value[:, motion.parameter] += motion.sign * rising[:, m]
+    by_tilts = np.where(chain.tilts >= 0, by_value[:, chain.tilts], 0.0)
+    return _Weight(by_u, by_mount, by_tilts)
 
 
 def _on_legs(rig: Rig, mechanism: PlatformMechanism, coordinates: Array, values: Array) -> Loads:
@@ -275,7 +328,7 @@ def _on_legs(rig: Rig, mechanism: PlatformMechanism, coordinates: Array, values:
     tension = -(np.linalg.pinv(lengthening, rcond=_RANK) @ rising[:, :, None])[:, :, 0]
     balance = rising + (lengthening @ tension[:, :, None])[:, :, 0]
     if np.abs(balance).max() > _BALANCED * float(np.abs(rising).max()):
-        return Loads(None, None, "the legs do not carry the plate at every pose: it would fall")
+        return Loads(None, None, why="the legs do not carry the plate at every pose: it would fall")
     if mechanism.plate != "pivoted":
-        return Loads(tension, None, "the plate has no pivot")
+        return Loads(tension, None, why="the plate has no pivot")
     return Loads(tension, weight - np.sum(tension[:, :, None] * along, axis=1))

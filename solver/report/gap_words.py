@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from recordings.rig import DescribedEffect
 from recordings.rig.quantity import SHOWN
 from solver.gap.result import STRANGEST, Gap, Limit, MissingEffect, Rival, Verdict
 from solver.gap.unknown import Pattern
@@ -28,6 +27,7 @@ _PHRASES = {
     "stuck-bit": "stuck bit of {}",
     "saturation": "saturation of {}",
     "joint-compliance": "compliance of {}",
+    "bearing-compliance": "compliance of {} across its axis",
     "fixture-compliance": "compliance of the fixture at {}",
     "fixture-slip": "slip of the fixture at {}",
     "link-geometry": "wrong value of {}",
@@ -72,16 +72,19 @@ def amount(size: float, unit: str, error: float | None = None) -> str:
 
 
 def sized(effect: MissingEffect | Rival) -> str:
-    """How big an effect is, with its standard error, and of what is named its form: when, how often, how slowly."""
+    """How big an effect is, with its standard error."""
     told = amount(effect.size, effect.unit, effect.standard_error)
-    if effect.name in _SHAPES:
-        told = f"{told} RMS"
-    return told if isinstance(effect, Rival) else f"{told}{_form(effect.entry)}"
+    return f"{told} RMS" if effect.name in _SHAPES else told
 
 
-def _form(entry: DescribedEffect) -> str:
-    """What the entry of a rig says beside a size, in words that follow the size."""
-    values = entry.values
+def in_full(effect: MissingEffect) -> str:
+    """How big an effect is, and its `form`."""
+    return ", ".join(part for part in (sized(effect), form(effect)) if part)
+
+
+def form(effect: MissingEffect) -> str:
+    """When, how often or how slowly it does what it does; nothing where there is no more to it than its size."""
+    values = effect.entry.values
     if "decay" in values and values["decay"].nominal > 0:
         time_s = 1.0 / values["decay"].nominal
         error = (values["decay"].uncertainty or 0.0) * time_s**2
@@ -89,11 +92,11 @@ def _form(entry: DescribedEffect) -> str:
         if 0.0 < error < _ROUGH * time_s:
             digits = decimals_for(error)
             told = f"{fixed(time_s, digits)} ± {fixed(error, digits)} s"
-        return f" on average, slowing down with a time constant of {told}"
+        return f"the mean speed; it slows down with a time constant of {told}"
     if "at" in values:
-        return f", {figures(values['at'].nominal)} s after the beginning"
+        return f"{figures(values['at'].nominal)} s after the beginning"
     if "harmonic" in values:
-        return f", {figures(values['harmonic'].nominal)} periods a turn"
+        return f"{figures(values['harmonic'].nominal)} periods a turn"
     return ""
 
 
@@ -104,7 +107,7 @@ def headline(gap: Gap) -> str:
     elif gap.verdict is Verdict.UNKNOWN:
         told = "Something is missing, and it is none of the effects that are known."
     else:
-        parts = [f"{called(e.name, e.where)}, {sized(e)}" for e in gap.effects]
+        parts = [f"{called(e.name, e.where)}, {in_full(e)}" for e in gap.effects]
         told = f"Missing: {'; and '.join(parts)}."
         if gap.verdict is Verdict.AMBIGUOUS:
             others = listed(

@@ -29,15 +29,16 @@ def shift(axis: int, size: float) -> Array:
     return out
 
 
-def energy(rig: Rig, u: Array) -> float:
-    """V [J] of one pose, by plain matrices, gravity in the base frame."""
+def energy(rig: Rig, u: Array, tilts: dict[str, tuple[float, float]] | None = None) -> float:
+    """V [J] of one pose, by plain matrices, gravity in the base frame; joints may tilt about x, then y."""
     mechanism = rig.mechanism
     assert isinstance(mechanism, SerialMechanism)
     assert rig.gravity is not None
     frames = [np.eye(4)]
     for joint, variable in zip(mechanism.joints, u, strict=False):
         a, s, alpha = joint.a.nominal, joint.s.nominal, joint.alpha.nominal
-        step = turn(2, joint.theta_offset.nominal + variable)
+        tilt = (tilts or {}).get(joint.name, (0.0, 0.0))
+        step = turn(0, tilt[0]) @ turn(1, tilt[1]) @ turn(2, joint.theta_offset.nominal + variable)
         frames.append(frames[-1] @ step @ shift(2, s) @ shift(0, a) @ turn(0, alpha))
     base = 0 if mechanism.base is None else mechanism.places.index(mechanism.base) + 1
     to_base = np.linalg.inv(frames[base])
@@ -49,12 +50,21 @@ def energy(rig: Rig, u: Array) -> float:
     return out
 
 
-def closed(rig: Rig, fixed: dict[int, float], start: Array, moved: Array) -> Array:
-    """One pose (U,) with the coordinates ``fixed`` and the mount displaced by ``moved`` (3,) [m]."""
+def closed(
+    rig: Rig,
+    fixed: dict[int, float],
+    start: Array,
+    moved: Array,
+    tilts: dict[str, tuple[float, float]] | None = None,
+) -> Array:
+    """One pose (U,) with the coordinates ``fixed``, the mount displaced by ``moved`` (3,) [m], joints tilted."""
     table = parameters(rig)
-    behind = len(imperfections(rig))
-    x = np.array([p.nominal for p in table] + [0.0] * behind)
+    names = imperfections(rig)
+    x = np.array([p.nominal for p in table] + [0.0] * len(names))
     x[len(table) : len(table) + 3] = moved
+    for joint, tilt in (tilts or {}).items():
+        for k, size in enumerate(tilt, 1):
+            x[len(table) + names.index(f"{joint}.tilt_{k}")] = size
     model = mechanism_model(rig, table, imperfect=True)
     u = start.copy()
     u[list(fixed)] = list(fixed.values())
@@ -260,16 +270,42 @@ def compensated(rig: Rig) -> Rig:
     return rig.model_copy(update={"mechanism": mechanism})
 
 
+def test_bearings_do_the_work_that_a_tilt_needs() -> None:
+    rig = load_rig("arm")
+    drives = {5: np.deg2rad(50.0), 6: np.deg2rad(-20.0)}
+    u = closed(rig, drives, homes(rig), np.zeros(3))
+    found = loads(rig, u[None], nominal(rig), held(rig, "joint5", "joint6"))
+    assert found.moment is not None
+    step = 1e-5
+    for place, joint in enumerate(rig.mechanism.places):
+        for k in range(2):
+            raised = []
+            for sign in (1, -1):
+                tilts = {joint: tuple(sign * step * np.eye(2)[k])}
+                raised.append(energy(rig, closed(rig, drives, u, np.zeros(3), tilts), tilts))
+            work = (raised[0] - raised[1]) / (2 * step)
+            assert found.moment[0, place, k] == pytest.approx(work, abs=1e-5), (joint, k)
+    assert np.abs(found.moment).max() > 1.0
+
+
 def test_under_gravity_compensation_each_joint_raises_what_it_moves_by_itself() -> None:
     rig = compensated(load_rig("arm"))
     u = closed(rig, {}, homes(rig), np.zeros(3))
     found = loads(rig, u[None], nominal(rig), None)
     assert found.torque is not None
+    assert found.moment is not None
     step = 1e-5
     for joint in range(len(rig.mechanism.places)):
         each = step * np.eye(len(u))[joint]
         work = (energy(rig, u + each) - energy(rig, u - each)) / (2 * step)
         assert found.torque[0, joint] == pytest.approx(work, abs=1e-6)
+        for k in range(2):
+            ends = [
+                energy(rig, u, {rig.mechanism.places[joint]: tuple(s * step * np.eye(2)[k])})
+                for s in (1, -1)
+            ]
+            lean = (ends[0] - ends[1]) / (2 * step)
+            assert found.moment[0, joint, k] == pytest.approx(lean, abs=1e-6)
     assert np.abs(found.torque).max() > 1.0
     np.testing.assert_array_equal(found.force, 0.0)
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from recordings.rig import Rig
 from sim_devices.plant.effects.axis_offset import AxisOffset
 from sim_devices.plant.effects.backlash import Backlash
+from sim_devices.plant.effects.bearing_compliance import BearingCompliance
 from sim_devices.plant.effects.crosstalk import Crosstalk
 from sim_devices.plant.effects.cyclic_error import CyclicError
 from sim_devices.plant.effects.eccentricity import Eccentricity
@@ -45,6 +46,7 @@ _CATALOGUE: tuple[type[Effect], ...] = (
     StuckBit,
     Saturation,
     JointCompliance,
+    BearingCompliance,
     FixtureCompliance,
     FixtureSlip,
     LinkGeometry,

@@ -27,6 +27,7 @@ NOTHING = {
         ("crosstalk", "q7<-q6", {"ratio": 0}),
         ("saturation", "q7", {"low_counts": 0, "high_counts": 4095}),
         ("joint-compliance", "joint5", {"compliance_deg_per_Nm": 0}),
+        ("bearing-compliance", "joint4", {"compliance_deg_per_Nm": 0}),
         ("fixture-compliance", "fixture", {"compliance_m_per_N": 0}),
         ("fixture-slip", "fixture", {"x_m": 0, "rz_deg": 0, "at_s": 5}),
         ("link-geometry", "joint3.s", {"change_m": 0}),

@@ -30,7 +30,7 @@ def go(rig, plant, targets, start_s, end_s):
 
 @pytest.mark.parametrize(
     "wish",
-    ["joint-compliance@joint6=0.05", "fixture-compliance@fixture=2e-5", "fixture-slip@fixture=2e-3",
+    ["joint-compliance@joint6=0.05", "bearing-compliance@joint2=0.02", "fixture-compliance@fixture=2e-5", "fixture-slip@fixture=2e-3",
      "thermal-growth@links=1e-4", "outsider:wobbling-axis@joint3=0.2"],
 )  # fmt: skip
 def test_the_loop_closes_with_the_effect_whatever_moves(wish):

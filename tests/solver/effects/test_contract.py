@@ -34,6 +34,7 @@ CASES: list[tuple[str, str, str, Given, Given]] = [
     ("arm", "offset-jump", "q4", {"step": (2e-3, A)}, {"at": (30.0, "time")}),
     ("arm", "crosstalk", "q6<-q7", {"ratio": (0.01, "ratio")}, {}),
     ("shoulder", "joint-compliance", "leg2", {"compliance": (5e-5, "compliance")}, {}),
+    ("arm", "bearing-compliance", "joint3", {"compliance": (2e-4, "angular compliance")}, {}),
     ("arm", "fixture-compliance", "fixture", {"compliance": (1e-5, "compliance")}, {}),
     (
         "shoulder",
