@@ -101,7 +101,7 @@ def show(gap: Gap, console: Console) -> None:
     console.print(Text(words.headline(gap), style=f"bold {_STYLE[gap.verdict]}"), soft_wrap=True)
     for effect in gap.effects:
         head(words.called(effect.name, effect.where))
-        say(f"size: {words.sized(effect)}")
+        say(f"size: {words.in_full(effect)}")
         say(f"cannot be told from: {words.rivals(effect)}")
         say(f"evidence: {words.evidence(effect)}")
     head("Gap")

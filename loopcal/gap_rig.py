@@ -7,7 +7,7 @@ import numpy as np
 from loopcal.console import fail
 from recordings.rig.edit import Calibrated, with_effect, with_values
 from solver.gap.result import Gap, MissingEffect, Verdict
-from solver.report.gap_words import called, odds, sized
+from solver.report.gap_words import called, in_full, odds, sized
 
 _REFUSED = {
     Verdict.NOTHING: "nothing detectable is missing from the rig, so there is no effect to write into it",
@@ -49,7 +49,7 @@ def grown_rig(text: str, gap: Gap) -> str:
 def _remarks(effect: MissingEffect | None, provisional: bool) -> list[str]:
     if effect is None:
         return ["found missing by loopcal gap"]
-    out = [f"found missing by loopcal gap: {called(effect.name, effect.where)}, {sized(effect)}"]
+    out = [f"found missing by loopcal gap: {called(effect.name, effect.where)}, {in_full(effect)}"]
     if provisional:
         out.append("provisional: no pose was visited again")
     out += [

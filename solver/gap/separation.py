@@ -8,7 +8,8 @@ model, can take up of d what lies in the span of its columns X, and so the squar
 over all stops, those captured and those to come (Atkinson & Fedorov, "The design of experiments
 for discriminating between two rival models", Biometrika 62, 1975, linearised about A). Both
 products are sums over stops, so that each stop is worked out once. Where noise is normal the log
-likelihood of A over B is expected to be lambda / 2. A rival that comes in several forms (another harmonic,
+likelihood of A over B is expected to be lambda / 2. Of a shape that is known only where it was seen, such as a
+polynomial, nothing is promised beyond: it is taken to stay as it is there. A rival that comes in several forms (another harmonic,
 another moment) may change its form when more is known: the one that is least apart counts.
 
 Owns the sums and lambda. Which stops there could be is the business of `next_poses`.
@@ -164,11 +165,17 @@ class Contest:
     def _rows(self, fit: Fit) -> Array:
         """(P, C, m) whitened: parameters, one block a rival, and last what the effect does."""
         poses, channels = fit.residual.shape
-        found = traces(fit, [*self._forms, self.effect])
-        whole = codes(fit, self.effect)
-        own = found[-1][:, 0] if whole else found[-1] @ self.coefficients
+        found = traces(fit, self._forms)
+        (does,) = traces(fit, [self.effect], self._known(fit.values))
+        own = does[:, 0] if codes(fit, self.effect) else does @ self.coefficients
         plain = self._unnamed(fit.jacobian[: poses * channels])
-        return np.hstack([plain, *found[:-1], own[:, None]]).reshape(poses, channels, -1)
+        return np.hstack([plain, *found, own[:, None]]).reshape(poses, channels, -1)
+
+    def _known(self, values: Array) -> Array:
+        """``values`` (P, C), or the nearest for which the effect's shape was seen."""
+        if not self.effect.local:
+            return values
+        return np.clip(values, self.fit.values.min(axis=0), self.fit.values.max(axis=0))
 
     def _unnamed(self, jacobian: Array) -> Array:
         """Columns of a Jacobian (M, n) of `fit` but those of the effect itself."""

@@ -19,8 +19,14 @@ from solver.mechanism.model import mechanism_model
 Array = NDArray[np.float64]
 
 
-def traces(fit: Fit, effects: Sequence[Effect]) -> list[Array]:
-    """For each effect (P C, k): what it adds to measured - predicted for each unit coefficient [1/SI]."""
+def traces(fit: Fit, effects: Sequence[Effect], values: Array | None = None) -> list[Array]:
+    """For each effect (P C, k): what it adds to measured - predicted for each unit coefficient [1/SI].
+
+    Args:
+        fit: where all is linearised.
+        effects: of interest.
+        values: (P, C) true values by which the effects see; those of ``fit`` by default.
+    """
     model, at = fit.model, fit.at
     here = model.linearise(
         fit.settled.coordinates, fit.parameters, np.zeros((len(fit.parameters), 0)), at
@@ -28,7 +34,7 @@ def traces(fit: Fit, effects: Sequence[Effect]) -> list[Array]:
     poses, channels = here.readings.shape
     closures = here.closure.shape[1]
     gain = fit.parameters[model.sensing.gain]
-    values = fit.values
+    values = fit.values if values is None else values
     moved = [effect.moved(_start(effect), at, poses) for effect in effects]
     targets = np.unique(
         np.concatenate([np.zeros(0, dtype=np.intp), *(m.targets for m in moved if m is not None)])

@@ -115,7 +115,7 @@ def test_a_drift_that_slows_down_is_told_with_its_time_constant_and_recorded_aga
     outcome = loopcal("gap", file, "--rig-out", rig)
     said = " ".join(outcome.stdout.split())
     assert said.startswith("Missing: drift of the zero of d2, -0.00"), said
-    assert "mm/s on average, slowing down with a time constant of " in said
+    assert "mm/s, the mean speed; it slows down with a time constant of " in said
     (effect,) = parse_rig(rig.read_text(), "grown").effects
     decay = effect.values["decay"]
     assert decay.nominal > 4 * decay.uncertainty
