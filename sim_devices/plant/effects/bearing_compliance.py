@@ -4,9 +4,9 @@ All that is behind the joint tilts, as the moment about the joint's origin would
 along the axis left out; the bearing is equally soft all round. The tilt is a turn of the chain's
 frame ahead of the joint, which no sensor sees.
 
-Hidden, the bearing hardens a little: it yields c M asinh(m / M) under a moment m, where M is twice
-the greatest at the plan's stops. Size: the slope of the best straight line of yield over moment
-at the plan's stops [deg/Nm]. Described, it yields compliance times moment.
+Hidden, the bearing hardens a little: it yields c M asinh(m / M) under a moment m, where M is six
+times the greatest at the plan's stops. Size: the slope of the best straight line of tilt over moment, as
+vectors, at the plan's stops [deg/Nm]. Described, it yields compliance times moment.
 """
 
 from __future__ import annotations
@@ -86,12 +86,14 @@ class BearingCompliance(Effect):
         moment = np.linalg.norm(leaning, axis=1)
         if not moment.any():
             raise BadEffect(f"no weight leans on '{where}', so that its bearing cannot yield")
-        hard = 2 * float(moment.max())
+        hard = 6 * float(moment.max())
 
         def bare(moment: Array) -> Array:
             return np.asarray(hard * np.arcsinh(moment / hard))
 
-        factor = compliance / (slope(moment, bare(moment)) or 1.0)
+        tilt = (bare(moment) / np.where(moment > 0, moment, 1.0))[:, None] * leaning
+        centred = [(each - each.mean(axis=0)).ravel() for each in (leaning, tilt)]
+        factor = compliance / (slope(*centred) or 1.0)
         return cls(
             where, size, place=place, spring=lambda moment: factor * bare(moment), loads=loads
         )
