@@ -12,7 +12,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from drivers import JointDrive, Link, make_links
+from drivers import DeviceRefused, JointDrive, Link, make_links
 from recordings.events import Event, Fault, Mode, Reading
 from recordings.rig import load_rig
 from tests.drivers.contract import BUSY
@@ -57,9 +57,25 @@ def ports(tmp_path_factory) -> Iterator[dict[str, str]]:
             process.terminate()
 
 
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The far end is a process of its own, which a busy computer may hold up."""
+    monkeypatch.setattr("drivers.canopen.sdo.SDO_TIMEOUT_S", PATIENCE_S)
+
+
 @pytest.fixture
-def links(ports) -> Iterator[tuple[Link, ...]]:
-    links = make_links(load_rig("arm"), MonotonicClock(), ports)
+def links(request: pytest.FixtureRequest, ports) -> Iterator[tuple[Link, ...]]:
+    """Links to the arm; a test can give options of its drives."""
+    rig = load_rig("arm")
+    more = getattr(request, "param", {})
+    devices = tuple(
+        device.model_copy(update={"options": {**device.options, **more}})
+        if device.driver == "canopen-joint"
+        else device
+        for device in rig.devices
+    )
+    rig = rig.model_copy(update={"devices": devices})
+    links = make_links(rig, MonotonicClock(), ports)
     for link in links:
         link.open()
     yield links
@@ -119,6 +135,7 @@ def test_readings_come_and_every_one_is_accounted_for(links, number):
         assert sequence == sorted(set(sequence))
 
 
+@pytest.mark.parametrize("links", [{"heartbeat_timeout_s": 60.0}], indirect=True)
 def test_a_joint_follows_its_target_and_goes_free_again(links):
     can = links[0]
     drive = can.joints["joint2"]
@@ -146,7 +163,7 @@ def test_a_joint_follows_its_target_and_goes_free_again(links):
 def test_a_drive_that_misses_its_master_falls_into_fault_and_can_be_acknowledged(links):
     can = links[0]
     drive = can.joints["joint4"]
-    drive.set_mode(Mode.FREE)
+    wait_until(lambda: is_free(drive))
     # Nobody vouches for it: the link that is served sends no heartbeat.
     with pumped(can) as events:
         wait_until(lambda: drive.report().mode is Mode.FAULT)
@@ -154,6 +171,16 @@ def test_a_drive_that_misses_its_master_falls_into_fault_and_can_be_acknowledged
         wait_until(lambda: any("0x8130" in e.text for e in events if isinstance(e, Fault)))
         drive.vouch(time.monotonic_ns() + 60_000_000_000)
         wait_until(lambda: acknowledged(drive))
+
+
+def is_free(drive: JointDrive) -> bool:
+    """Whether it could be set free; on a computer that stands still it may trip on the way."""
+    try:
+        drive.set_mode(Mode.FREE)
+    except DeviceRefused:
+        drive.set_mode(Mode.OFF)
+        return False
+    return True
 
 
 def acknowledged(drive: JointDrive) -> bool:
