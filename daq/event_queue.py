@@ -3,6 +3,9 @@
 Back-pressure policy: when the queue is full, the newest readings are dropped and counted
 per channel. Everything else (mode commands and reports, dwells, faults, checkpoints) is
 rare and says what happened to the readings, so it is always taken.
+
+Who takes from it is woken once there is much to take: a thread that is woken for every frame of
+a full bus takes the processor from those that read the buses.
 """
 
 from __future__ import annotations
@@ -31,12 +34,16 @@ class Checkpoint:
 
 Item = Event | Checkpoint
 
+MUCH = 2000
+"""Items that are worth waking somebody for; half of a full queue, where that is fewer."""
+
 
 class EventQueue:
     """A bounded first-in, first-out queue from the threads of the links to the recorder."""
 
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity
+        self._much = min(MUCH, (capacity + 1) // 2)
         self._items: deque[Item] = deque()
         self._closed = False
         self._changed = threading.Condition()
@@ -47,20 +54,20 @@ class EventQueue:
         with self._changed:
             if len(self._items) + len(items) <= self._capacity:
                 self._items.extend(items)
-                self._changed.notify()
+                self._wake()
                 return dropped
             for item in items:
                 if isinstance(item, Reading) and len(self._items) >= self._capacity:
                     dropped[item.channel] += 1
                 else:
                     self._items.append(item)
-            self._changed.notify()
+            self._wake()
         return dropped
 
     def take(self, timeout_s: float) -> list[Item] | None:
-        """All that waits, in order, after at most ``timeout_s``; None once closed and empty."""
+        """All that waits, in order, once it is much or after ``timeout_s``; None once closed and empty."""
         with self._changed:
-            self._changed.wait_for(lambda: self._items or self._closed, timeout_s)
+            self._changed.wait_for(lambda: self._closed or self._is_much(), timeout_s)
             if self._closed and not self._items:
                 return None
             items = list(self._items)
@@ -71,6 +78,13 @@ class EventQueue:
     def waiting(self) -> int:
         """Items that wait to be taken."""
         return len(self._items)
+
+    def _is_much(self) -> bool:
+        return len(self._items) >= self._much
+
+    def _wake(self) -> None:
+        if self._is_much():
+            self._changed.notify()
 
     def close(self) -> None:
         """Nothing more will be offered."""

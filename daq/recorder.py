@@ -25,6 +25,9 @@ from recordings.events import Event, Fault, LedgerEntry, Reading, ReadingFlag
 FLUSH_S = 0.25
 """Time between flushes [s]: half of the 0.5 s that may be at risk, the rest is for the disk."""
 
+TAKE_S = 0.05
+"""Longest time before what has come is looked at [s]; a flush can be later by as much."""
+
 MOST_WAITING = 10_000
 """Readings that wait for a flush, at most; the next one makes room."""
 
@@ -99,7 +102,7 @@ class Recorder:
             self._writer.close()
         except (RecordingError, OSError) as error:
             self._failed(error)
-        while (items := self._queue.take(FLUSH_S)) is not None:
+        while (items := self._queue.take(TAKE_S)) is not None:
             self._refuse(items)
 
     def _failed(self, error: Exception) -> None:
@@ -120,7 +123,7 @@ class Recorder:
 
     def _record(self) -> None:
         flushed_ns = self._clock.now_ns()
-        while (items := self._queue.take(FLUSH_S / 2)) is not None:
+        while (items := self._queue.take(TAKE_S)) is not None:
             waiting = iter(items)
             try:
                 for item in waiting:
