@@ -1,4 +1,4 @@
-"""The reader of recordings: whole files, and the payloads of readings against protobuf."""
+"""Who reads recordings: the reader, survey and recovery of whole files, and payloads against protobuf."""
 
 from __future__ import annotations
 
@@ -18,12 +18,16 @@ from mcap.writer import Writer as McapWriter
 
 from recordings import messages_pb2
 from recordings.columns import decode_readings, messages
-from recordings.errors import RecordingsError
+from recordings.errors import NotARecording, RecordingsError, RigError
 from recordings.events import Dwell, Mark, Reading
+from recordings.health import findings
 from recordings.offsets import record_offsets
 from recordings.reader import read_recording
 from recordings.recording import Recording
+from recordings.recover import recover
 from recordings.session import Session
+from recordings.storage import Storage
+from recordings.survey import survey
 from recordings.wire import encode_reading
 from recordings.writer import Writer
 from tests.fuzzing.target import Target
@@ -72,9 +76,16 @@ def _files() -> tuple[bytes, ...]:
                     writer.write(Mark(START_NS + i, "here"))
                     writer.flush()
         own = path.read_bytes()
+        part = Path(folder) / "b.mcap"
+        with Writer(part, RIG, Session("fuzz", START_NS), Storage(rotate_bytes=9000)) as writer:
+            while len(writer.paths) == 1:
+                writer.write(Reading("q1", START_NS, 7))
+                writer.flush()
+        first = part.read_bytes()
     free = {"enable_crcs": False, "chunk_size": 700}
     return (
         own,
+        first,
         _foreign(compression=CompressionType.NONE, **free),
         _foreign(compression=CompressionType.LZ4, **free),
         _foreign(compression=CompressionType.ZSTD, **free),
@@ -98,6 +109,51 @@ def _check_file(data: bytes) -> None:
             assert len(readings) <= len(data) * 2000, "more readings than any compression holds"
         if not recording.damage:
             assert _same(_read(data, damaged_ok=False), recording)
+
+
+def _check_survey(data: bytes) -> None:
+    """A survey counts what the reader reads, and what is thought of it can be said."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.mcap"
+        path.write_bytes(data)
+        with suppress(RecordingsError):
+            found = survey(path)
+            for finding in findings(found):
+                assert finding.text
+            readings = read_recording(path, damaged_ok=True).readings
+            for name, counted in found.readings.items():
+                assert found.channel(name).count - counted.unreadable == len(readings[name])
+
+
+def _check_recovery(data: bytes) -> None:
+    """What is recovered of a file is a whole recording of all that the reader reads of it, or none."""
+    with tempfile.TemporaryDirectory() as folder:
+        source, target = Path(folder) / "a.mcap", Path(folder) / "saved.mcap"
+        source.write_bytes(data)
+        try:
+            recover(source, target)
+        except RecordingsError:
+            assert list(Path(folder).iterdir()) == [source]
+            return
+        finally:
+            assert source.read_bytes() == data, "it touched its input"
+        with suppress(RigError, NotARecording):
+            assert _same(read_recording(target), read_recording(source, damaged_ok=True))
+
+
+def _check_recovery_flips(data: bytes, other: bytes) -> None:
+    """Of a file with all its CRCs, nothing is saved that was not written."""
+    if data is not _files()[0] or other == data:
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        source, target = Path(folder) / "a.mcap", Path(folder) / "saved.mcap"
+        source.write_bytes(other)
+        with suppress(RecordingsError):
+            recover(source, target)
+            saved = read_recording(target)
+            assert saved.rig_toml == RIG
+            assert set(saved.readings["q1"].raw.tolist()) <= set(range(90))
+            assert set(saved.dwells) <= set(_whole().dwells)
 
 
 def _check_flips(data: bytes, other: bytes) -> None:
@@ -165,22 +221,22 @@ def _check_payloads(data: bytes) -> None:
             assert values.tolist() == [getattr(row, name) for row in rows]
 
 
+TOKENS = (
+    b"\x89MCAP0\r\n",
+    *(bytes([opcode]) for opcode in (1, 2, 3, 4, 5, 6, 7, 9, 12, 15, 128)),
+    b"\x04\0\0\0zstd",
+    b"\x03\0\0\0lz4",
+    b"/channel/q1",
+    b"/session/dwell",
+    b"/ledger/q1",
+    b"loopcal.next",
+    b"loopcal.part",
+    b"loopcal.recovery",
+)
 TARGETS = (
-    Target(
-        "recording",
-        _files,
-        _check_file,
-        tokens=(
-            b"\x89MCAP0\r\n",
-            *(bytes([opcode]) for opcode in (1, 2, 3, 4, 5, 6, 7, 9, 12, 15, 128)),
-            b"\x04\0\0\0zstd",
-            b"\x03\0\0\0lz4",
-            b"/channel/q1",
-            b"/session/dwell",
-            b"/ledger/q1",
-        ),
-        check_flips=_check_flips,
-    ),
+    Target("recording", _files, _check_file, tokens=TOKENS, check_flips=_check_flips),
+    Target("survey", _files, _check_survey, tokens=TOKENS),
+    Target("recovery", _files, _check_recovery, tokens=TOKENS, check_flips=_check_recovery_flips),
     Target(
         "readings", _payload_seeds, _check_payloads, tokens=(b"\x09", b"\x11", b"\x1d", b"\x25")
     ),
