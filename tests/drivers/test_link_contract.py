@@ -19,6 +19,8 @@ import pytest
 
 from drivers import (
     BadCommand,
+    DeviceRefused,
+    JointDrive,
     Link,
     LinkClosed,
     PortNotFound,
@@ -206,6 +208,28 @@ def joints(links: tuple[Link, ...]) -> list[tuple[Link, str]]:
     return [(link, joint) for link in links for joint in link.joints]
 
 
+ATTEMPTS = 5
+"""On a computer that stands still for a second, drives trip by their watchdogs, as they should."""
+
+
+def walk_through_its_modes(drive: JointDrive) -> None:
+    for mode in (Mode.FREE, Mode.POSITION, Mode.TORQUE, Mode.FREE, Mode.OFF):
+        drive.set_mode(mode)
+        shown = drive.report()
+        if shown.mode is Mode.FAULT:
+            raise DeviceRefused(f"it has tripped in {mode}")
+        assert (shown.joint, shown.error_code) == (drive.joint, 0)
+        # Torque at zero and a free joint are one thing to CiA 402.
+        assert shown.mode in ({mode, Mode.FREE} if mode is Mode.TORQUE else {mode})
+    drive.set_mode(Mode.POSITION)
+    drive.move_to(CENTRE["q1"] + 50)
+    with pytest.raises(BadCommand, match="expected TORQUE"):
+        drive.set_torque(5)
+    with pytest.raises(BadCommand):
+        drive.set_mode(Mode.FAULT)
+    drive.set_mode(Mode.OFF)
+
+
 DRIVEN = [p for p in VIRTUAL if p.values[1] in ("canopen", "dbc") and p.values[0] is on_real_ports]
 
 
@@ -228,20 +252,15 @@ def test_a_drive_obeys_confirms_and_refuses(bench, links):
         try:
             with pytest.raises(BadCommand, match="expected POSITION"):
                 drive.move_to(5)
-            for mode in (Mode.FREE, Mode.POSITION, Mode.TORQUE, Mode.FREE, Mode.OFF):
-                drive.set_mode(mode)
-                shown = drive.report()
-                assert (shown.joint, shown.error_code) == (joint, 0)
-                # Torque at zero and a free joint are one thing to CiA 402.
-                expected = {mode, Mode.FREE} if mode is Mode.TORQUE else {mode}
-                assert shown.mode in expected
-            drive.set_mode(Mode.POSITION)
-            drive.move_to(CENTRE["q1"] + 50)
-            with pytest.raises(BadCommand, match="expected TORQUE"):
-                drive.set_torque(5)
-            with pytest.raises(BadCommand):
-                drive.set_mode(Mode.FAULT)
-            drive.set_mode(Mode.OFF)
+            for attempt in range(ATTEMPTS):
+                try:
+                    walk_through_its_modes(drive)
+                except DeviceRefused:
+                    if attempt == ATTEMPTS - 1:
+                        raise
+                    drive.set_mode(Mode.OFF)
+                else:
+                    break
         finally:
             stop.set()
             thread.join()
