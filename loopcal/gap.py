@@ -106,8 +106,10 @@ def show(gap: Gap, console: Console) -> None:
         say(f"evidence: {words.evidence(effect)}")
     head("Gap")
     say(words.gap_closed(gap))
-    for reason in (*gap.reasons, *gap.cautions):
+    for reason in gap.reasons:
         say(reason)
+    for caution in gap.cautions:
+        say(f"Caution: {caution}")
     head("Smallest sizes that this recording would have shown, in nine cases of ten")
     console.print(_limits(gap))
     open_ones = words.untested(gap)
