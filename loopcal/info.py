@@ -15,7 +15,6 @@ from loopcal.console import out
 from loopcal.surveying import look_through
 from loopcal.timing_view import described, show_timing
 from recordings.events import Dwell
-from recordings.health import end_ns, start_ns
 from recordings.rig import SerialMechanism
 from recordings.survey import Survey
 from recordings.timing import DeviceTiming, timings
@@ -74,8 +73,8 @@ def description(found: Survey) -> dict[str, Any]:
             "software": session.software,
             "start_ns": session.start_ns,
         },
-        "start_ns": start_ns(found),
-        "duration_s": (end_ns(found) - start_ns(found)) / _SECOND,
+        "start_ns": found.start_ns,
+        "duration_s": (found.end_ns - found.start_ns) / _SECOND,
         "channels": [_channel(found, name) for name in _channels(found)],
         "other_messages": found.other,
         "dwells": len(found.dwells),
@@ -174,8 +173,8 @@ def _facts(found: Survey) -> list[tuple[str, str]]:
     facts.append(("session", ", ".join([session.session_id or "(no name)", *who])))
     if session.notes:
         facts.append(("notes", session.notes.strip()))
-    facts.append(("start", _utc(start_ns(found)) if start_ns(found) else "unknown"))
-    facts.append(("duration", _duration((end_ns(found) - start_ns(found)) / _SECOND)))
+    facts.append(("start", _utc(found.start_ns) if found.start_ns else "unknown"))
+    facts.append(("duration", _duration((found.end_ns - found.start_ns) / _SECOND)))
     size = sum(file.size for file in files)
     facts.append(("size", _size(size)))
     if len(files) > 1 or files[0].part.number > 1:
@@ -246,7 +245,7 @@ def _list(found: Survey, label: str, lines: Sequence[tuple[int, str]]) -> None:
     out.print()
     out.print(Text(f"{label} ({len(lines)})", style="bold"))
     for time_ns, text in lines[:_SHOWN]:
-        at = f"{(time_ns - start_ns(found)) / _SECOND:9.1f} s  "
+        at = f"{(time_ns - found.start_ns) / _SECOND:9.1f} s  "
         out.print(Text(at + text), soft_wrap=True)
     if len(lines) > _SHOWN:
         out.print(f"and {len(lines) - _SHOWN} more; --json lists all", markup=False)

@@ -10,8 +10,8 @@ from rich.text import Text
 from loopcal.console import BAD_ANSWER, DONE, fail, out
 from loopcal.progress import bar
 from loopcal.surveying import code_of
+from recordings.completeness import missing
 from recordings.errors import RecordingsError
-from recordings.health import missing
 from recordings.recover import Recovery, recover
 from recordings.rig import rig_text
 

@@ -97,6 +97,16 @@ class Survey:
         """Whether any message can be read."""
         return any(tally.count for tally in self.topics.values())
 
+    @property
+    def start_ns(self) -> int:
+        """Time of the earliest message; 0 in a recording without any."""
+        return min((tally.first_ns for tally in self.topics.values() if tally.count), default=0)
+
+    @property
+    def end_ns(self) -> int:
+        """Time of the latest message; 0 in a recording without any."""
+        return max((tally.last_ns for tally in self.topics.values() if tally.count), default=0)
+
     def channel(self, name: str) -> Tally:
         """Sums over the readings of a channel of the rig."""
         return self.topics.get(codec.READING.topic(name), Tally())
