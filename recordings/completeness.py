@@ -20,6 +20,7 @@ _LEDGER = next(kind for kind in KINDS if kind.event is LedgerEntry)
 
 
 def files(found: Survey) -> Iterator[Finding]:
+    """Files that were never closed, are damaged, or are not there."""
     harm: list[tuple[str, str]] = []
     for file in found.files:
         if not file.closed:
@@ -43,6 +44,7 @@ def files(found: Survey) -> Iterator[Finding]:
 
 
 def rig(found: Survey) -> Iterator[Finding]:
+    """A rig description that is lost or wrong."""
     if found.rig_toml is None:
         yield Finding(
             Severity.BAD,
@@ -73,6 +75,7 @@ def missing(found: Survey) -> Iterator[str]:
 
 
 def gone(found: Survey) -> Iterator[Finding]:
+    """Messages that were written and are not there any more."""
     # What a recovery could not save is known, and no news.
     recovered = bool(found.recovery) and not found.damage
     severity = Severity.CAUTION if recovered else Severity.BAD
@@ -91,6 +94,7 @@ def gone(found: Survey) -> Iterator[Finding]:
 
 
 def ledger(found: Survey) -> Iterator[Finding]:
+    """What was lost before it reached the file, and counts that do not agree."""
     names = [] if found.rig is None else [channel.name for channel in found.rig.channels]
     for name in names:
         tally, entry = found.channel(name), found.ledger.get(name)

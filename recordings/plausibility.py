@@ -30,6 +30,7 @@ _FLAGS = {
 
 
 def time(found: Survey) -> Iterator[Finding]:
+    """Times that go back, and clocks that jump."""
     back = {topic: tally for topic, tally in found.topics.items() if tally.backwards}
     if back:
         times = max(tally.backwards for tally in back.values())
@@ -59,6 +60,7 @@ def time(found: Survey) -> Iterator[Finding]:
 
 
 def silences(found: Survey) -> Iterator[Finding]:
+    """Long times without a reading."""
     longest: dict[str, tuple[int, int, int]] = {}
     for name in found.readings:
         tally = found.channel(name)
@@ -86,6 +88,7 @@ def silences(found: Survey) -> Iterator[Finding]:
 
 
 def values(found: Survey) -> Iterator[Finding]:
+    """Channels without readings, sensors that are stuck, and what devices flagged."""
     names = [] if found.rig is None else [channel.name for channel in found.rig.channels]
     empty = [name for name in names if name not in found.readings]
     if empty:
@@ -125,6 +128,7 @@ def values(found: Survey) -> Iterator[Finding]:
 
 
 def session(found: Survey) -> Iterator[Finding]:
+    """What happened in the session: no dwells, faults, a bad end."""
     if not found.dwells and found.readings:
         yield Finding(
             Severity.NOTE,

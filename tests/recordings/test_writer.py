@@ -20,7 +20,6 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap_protobuf.decoder import DecoderFactory
 
 from recordings import codec
-from recordings.container import CHUNK_BYTES
 from recordings.errors import DiskFailed, RecordingError, RigError
 from recordings.events import (
     Dwell,
@@ -32,6 +31,7 @@ from recordings.events import (
     Reading,
     ReadingFlag,
 )
+from recordings.open_chunk import CHUNK_BYTES
 from recordings.reader import read_recording
 from recordings.session import Session
 from recordings.storage import RecordingFile
