@@ -49,6 +49,9 @@ STEP_NS = 1_000_000
 SECOND = 1000
 """Readings of a channel in a second."""
 
+FLUSHED = SECOND // 4
+"""Readings of a channel between two flushes of a session."""
+
 
 @dataclass(frozen=True, slots=True)
 class Second:
@@ -98,12 +101,26 @@ def in_turns(path: Path, rig: str, count: int) -> None:
 
 
 def captured(path: Path, rig: str, count: int) -> None:
-    """Reading by reading, channels interleaved, flushed four times a second, as a session writes."""
+    """By arrays of a quarter of a second, and flushed as often, as a session writes."""
     with Writer(path, rig, Session(start_ns=START_NS)) as writer:
         for parts in seconds(count):
-            for number, (channel, time_ns, raw, sequence) in enumerate(interleaved(parts)):
+            for first in range(0, SECOND, FLUSHED):
+                some = slice(first, first + FLUSHED)
+                for part in parts:
+                    time_ns, raw, number = (
+                        column[some] for column in (part.time_ns, part.raw, part.sequence)
+                    )
+                    writer.write_readings(part.channel, time_ns, raw, time_ns - START_NS, number)
+                writer.flush()
+
+
+def one_by_one(path: Path, rig: str, count: int) -> None:
+    """Reading by reading, channels interleaved, flushed four times a second."""
+    with Writer(path, rig, Session(start_ns=START_NS)) as writer:
+        for parts in seconds(count):
+            for number, (channel, time_ns, raw, sequence) in enumerate(interleaved(parts), 1):
                 writer.write(Reading(channel, time_ns, raw, time_ns - START_NS, sequence))
-                if number % (SECOND * len(CHANNELS) // 4) == 0:
+                if number % (FLUSHED * len(CHANNELS)) == 0:
                     writer.flush()
 
 
@@ -153,8 +170,9 @@ class Shape:
 _64_KIB = 64 * 1024
 SHAPES = (
     Shape("by arrays, 64 KiB, zstd", in_turns),
-    Shape("as captured, interleaved, 250 ms, zstd", captured),
-    Shape("as captured, without device time", bare),
+    Shape("as captured, 250 ms, zstd", captured),
+    Shape("one by one, interleaved, 250 ms, zstd", one_by_one),
+    Shape("one by one, without device time", bare),
     Shape("mcap library, 64 KiB, zstd", foreign(chunk_size=_64_KIB)),
     Shape(
         "mcap library, 64 KiB, lz4", foreign(chunk_size=_64_KIB, compression=CompressionType.LZ4)
