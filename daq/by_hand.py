@@ -55,8 +55,8 @@ class ByHandPlan:
             end_ns = self._session.tick()
             begin_ns = end_ns - self._dwell_ns
             rest_ns = begin_ns - self._settle_ns
-            samples = self._session.windows(begin_ns)
             still = rest_ns >= first_ns and self._session.still(rest_ns, end_ns)
+            samples = self._session.windows(begin_ns) if still or before is not None else {}
             elsewhere = before is None or apart(before, samples, self._session.noise)
             if still and elsewhere:
                 return begin_ns, end_ns, samples
