@@ -105,12 +105,7 @@ def on_hardware(path: str, folder: Path) -> Iterator[Bench]:
 
 VIRTUAL = [
     *(pytest.param(on_real_ports, name, id=f"virtual-{name}") for name in FAMILIES),
-    # A TCP port is this computer's own on either bench.
-    *(
-        pytest.param(in_memory, name, id=f"loopback-{name}")
-        for name in FAMILIES
-        if not name.endswith("tcp")
-    ),
+    *(pytest.param(in_memory, name, id=f"loopback-{name}") for name in FAMILIES),
 ]
 HARDWARE = [
     pytest.param(on_hardware, path, id=f"hardware-{path}", marks=pytest.mark.hardware)
