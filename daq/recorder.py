@@ -11,7 +11,7 @@ ends too, and what still comes is counted as dropped.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any, Protocol
 
 from numpy.typing import ArrayLike
@@ -19,8 +19,9 @@ from numpy.typing import ArrayLike
 from daq.clock import SECOND, Clock
 from daq.event_queue import Checkpoint, EventQueue, Item
 from daq.ledger import Ledger
+from daq.waiting import Waiting
 from recordings.errors import DiskFailed, RecordingError
-from recordings.events import Event, Fault, LedgerEntry, Reading, ReadingFlag
+from recordings.events import Event, Fault, LedgerEntry, Reading
 
 FLUSH_S = 0.25
 """Time between flushes [s]: half of the 0.5 s that may be at risk, the rest is for the disk."""
@@ -60,7 +61,7 @@ class Recorder:
         self._ledger = Ledger()
         self._clock = clock
         self._entries = self._ledger.entries
-        self._waiting: dict[str, list[Reading]] = {}
+        self._waiting: dict[str, Waiting] = {}
         self._count = 0
         self._failure: Exception | None = None
         self._nearly_full: RecordingError | None = None
@@ -145,7 +146,10 @@ class Recorder:
     def _take(self, item: Item) -> None:
         if isinstance(item, Reading):
             self._ledger.received(item.channel)
-            self._waiting.setdefault(item.channel, []).append(item)
+            waiting = self._waiting.get(item.channel)
+            if waiting is None:
+                waiting = self._waiting[item.channel] = Waiting()
+            waiting.add(item)
             self._count += 1
             if self._count >= MOST_WAITING:
                 self._write_waiting()
@@ -155,21 +159,27 @@ class Recorder:
             self._writer.write(item)
 
     def _write_waiting(self) -> None:
-        """Write the readings that wait, channel by channel; what cannot be written goes on waiting."""
-        self._count = 0
-        while self._waiting:
-            channel = next(iter(self._waiting))
-            readings = self._waiting.pop(channel)
-            alike = _leading_alike(readings)
-            if alike < len(readings):
-                self._waiting[channel] = readings[alike:]
-            try:
-                self._writer.write_readings(channel, **_columns(readings[:alike]))
-            except DiskFailed:  # it says itself what it took with it of all that it was given
-                raise
-            except Exception:
-                self._ledger.lost(channel, alike)
-                raise
+        """Write the readings that wait, channel by channel; all are counted, whatever happens."""
+        waiting, self._waiting, self._count = self._waiting, {}, 0
+        left = {channel: len(readings) for channel, readings in waiting.items()}
+        try:
+            for channel, readings in waiting.items():
+                for count, columns in readings.columns():
+                    left[channel] -= count
+                    self._write_readings(channel, count, columns)
+        except Exception:
+            for channel, count in left.items():
+                self._ledger.lost(channel, count)
+            raise
+
+    def _write_readings(self, channel: str, count: int, columns: dict[str, Any]) -> None:
+        try:
+            self._writer.write_readings(channel, **columns)
+        except Exception as error:
+            # A failed disk says itself what it took with it, of all that it was given.
+            if not isinstance(error, DiskFailed):
+                self._ledger.lost(channel, count)
+            raise
 
     def _balance(self, checkpoint: Checkpoint) -> None:
         now_ns = self._clock.now_ns()
@@ -186,30 +196,3 @@ class Recorder:
     def _write_ledger(self) -> None:
         for entry in self._entries.values():
             self._writer.write(entry)
-
-
-def _leading_alike(readings: Sequence[Reading]) -> int:
-    """How many of ``readings``, from the first on, have the same fields as it."""
-    count = len(readings)
-    for lacks in (
-        [reading.device_time_ns is None for reading in readings],
-        [reading.sequence is None for reading in readings],
-    ):
-        if (other := not lacks[0]) in lacks:
-            count = min(count, lacks.index(other))
-    return count
-
-
-def _columns(readings: Sequence[Reading]) -> dict[str, Any]:
-    """Readings with the same fields, as `EventSink.write_readings` takes them."""
-    first = readings[0]
-    flags = [reading.flags for reading in readings]
-    return {
-        "time_ns": [reading.time_ns for reading in readings],
-        "raw": [reading.raw for reading in readings],
-        "device_time_ns": None
-        if first.device_time_ns is None
-        else [reading.device_time_ns for reading in readings],
-        "sequence": None if first.sequence is None else [reading.sequence for reading in readings],
-        "flags": None if flags.count(ReadingFlag.NONE) == len(flags) else flags,
-    }
