@@ -13,7 +13,7 @@ import pytest
 from loopcal.applying import channel_corrections, run_apply
 from loopcal.solving import run_solve
 from recordings.reader import Recording, read_recording
-from recordings.rig import DescribedEffect, Quantity, Rig, load_rig, rig_text
+from recordings.rig import DescribedEffect, Quantity, Rig, load_rig, parse_rig, rig_text
 from recordings.rig.edit import with_effect
 from sim_devices.simulate import simulate
 from solver.calibration import Calibration
@@ -41,6 +41,10 @@ GAIN = DescribedEffect("gain-error", "d1", {"ratio": free(0.0, "ratio")})
 LAG = DescribedEffect("lag", "q6", {"delay": free(0.0, "time")})
 SPRING = DescribedEffect(
     "joint-compliance", "joint5", {"compliance": free(0.0, "angular compliance")}
+)
+
+BEARING = DescribedEffect(
+    "bearing-compliance", "joint2", {"compliance": free(0.0, "angular compliance")}
 )
 
 
@@ -117,6 +121,21 @@ def test_a_compliant_joint_is_measured_by_its_own_weight(folder: Path) -> None:
     assert held is not None
     assert set(np.flatnonzero(held.all(axis=0))) == {5, 6}
     assert set(np.flatnonzero(held.any(axis=0))) == {5, 6}
+
+
+@pytest.mark.parametrize("standing", ["on-drives", "gravity-compensated"])
+def test_a_bearing_is_measured_by_what_leans_on_it(folder: Path, standing: str) -> None:
+    text = rig_text("arm")[0].replace(
+        'family = "serial"', f'family = "serial"\nstanding = "{standing}"', 1
+    )
+    path = folder / f"bearing-{standing}.mcap"
+    hide = ("bearing-compliance@joint2=0.02",)
+    simulate(parse_rig(text), text, path, seed=5, hide=hide)
+    found = solved(read_recording(path), BEARING)
+    compliance, error = estimated(found, "bearing-compliance@joint2.compliance")
+    # Nature's bearing hardens; the size is that of its best straight line.
+    assert compliance == pytest.approx(np.deg2rad(0.02), rel=0.02, abs=4 * error)
+    assert error < 0.1 * compliance
 
 
 def test_what_a_recording_cannot_show_is_refused_in_words(folder: Path) -> None:
