@@ -4,8 +4,8 @@ Back-pressure policy: when the queue is full, the newest readings are dropped an
 per channel. Everything else (mode commands and reports, dwells, faults, checkpoints) is
 rare and says what happened to the readings, so it is always taken.
 
-Who takes from it is woken once there is much to take: a thread that is woken for every frame of
-a full bus takes the processor from those that read the buses.
+Who takes from it is woken by checkpoints, and once there is much to take: a thread that is woken
+for every frame of a full bus takes the processor from those that read the buses.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ class EventQueue:
         self._much = min(MUCH, (capacity + 1) // 2)
         self._items: deque[Item] = deque()
         self._closed = False
+        self._due = False
         self._changed = threading.Condition()
 
     def offer(self, items: Sequence[Item]) -> Counter[str]:
@@ -54,20 +55,22 @@ class EventQueue:
         with self._changed:
             if len(self._items) + len(items) <= self._capacity:
                 self._items.extend(items)
-                self._wake()
-                return dropped
-            for item in items:
-                if isinstance(item, Reading) and len(self._items) >= self._capacity:
-                    dropped[item.channel] += 1
-                else:
-                    self._items.append(item)
-            self._wake()
+            else:
+                for item in items:
+                    if isinstance(item, Reading) and len(self._items) >= self._capacity:
+                        dropped[item.channel] += 1
+                    else:
+                        self._items.append(item)
+            if len(self._items) >= self._much or (items and isinstance(items[-1], Checkpoint)):
+                self._due = True
+                self._changed.notify()
         return dropped
 
     def take(self, timeout_s: float) -> list[Item] | None:
-        """All that waits, in order, once it is much or after ``timeout_s``; None once closed and empty."""
+        """All that waits, in order, once it is due or after ``timeout_s``; None once closed and empty."""
         with self._changed:
-            self._changed.wait_for(lambda: self._closed or self._is_much(), timeout_s)
+            self._changed.wait_for(lambda: self._closed or self._due, timeout_s)
+            self._due = False
             if self._closed and not self._items:
                 return None
             items = list(self._items)
@@ -78,13 +81,6 @@ class EventQueue:
     def waiting(self) -> int:
         """Items that wait to be taken."""
         return len(self._items)
-
-    def _is_much(self) -> bool:
-        return len(self._items) >= self._much
-
-    def _wake(self) -> None:
-        if self._is_much():
-            self._changed.notify()
 
     def close(self) -> None:
         """Nothing more will be offered."""

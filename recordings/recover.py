@@ -24,7 +24,7 @@ from recordings.items import Block
 from recordings.part import NEXT_METADATA, PART_METADATA
 from recordings.part_file import PROFILE, RIG_ATTACHMENT
 from recordings.rig import parse_rig
-from recordings.session import METADATA_NAME, SOFTWARE
+from recordings.session import METADATA_NAME, SOFTWARE, readable
 from recordings.storage import RecordingFile, Sync, disk_error
 from recordings.survey import Survey, survey
 from recordings.survey_walk import RECOVERY_METADATA
@@ -111,7 +111,7 @@ def _copy(
     for name, data in {RIG_ATTACHMENT: rig, **found.attachments}.items():
         kind = "application/toml" if name == RIG_ATTACHMENT else "application/octet-stream"
         container.attach(name, kind, data, start_ns)
-    session = found.metadata.get(METADATA_NAME, {})
+    session = readable(found.metadata.get(METADATA_NAME, {}))
     note = _note(found, rig_given=found.rig_toml is None)
     kept = {
         name: pairs
@@ -133,7 +133,7 @@ def _copy(
             messages += _copy_records(window.rest(), container, definitions)
     container.end_chunk()
     container.attach(RIG_ATTACHMENT, "application/toml", rig, start_ns)
-    container.add_metadata(METADATA_NAME, dict(session))
+    container.add_metadata(METADATA_NAME, session)
     container.finish()
     return messages, container.size
 

@@ -55,6 +55,15 @@ def to_metadata(session: Session) -> dict[str, str]:
     }
 
 
+def readable(pairs: Mapping[str, str]) -> dict[str, str]:
+    """What can be read of damaged ``pairs``."""
+    try:
+        from_metadata(pairs)
+    except ValueError:
+        return {key: value for key, value in pairs.items() if key != "start_time_ns"}
+    return dict(pairs)
+
+
 def from_metadata(pairs: Mapping[str, str]) -> Session:
     """The session that ``pairs`` describe; what they do not say is empty.
 

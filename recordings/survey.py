@@ -40,7 +40,8 @@ class Survey:
             description is not valid, and ``rig_error`` says why.
         session: who recorded it.
         recovery: what a recovery noted, where it was recovered; else empty.
-        metadata, attachments: all there are, by name; the first of each name.
+        metadata, attachments: all there are, by name; the first of each name, and of metadata the
+            first that can be read, where one can.
         definitions: its schemas and channels.
         topics: sums by topic, in order of first appearance.
         readings: sums by channel of the rig, in the order of first appearance.
@@ -162,7 +163,7 @@ def _surveyed(walk: Walk, missing_part: str) -> Survey:
         rig_error=rig_error,
         session=walk.session or Session(software=""),
         recovery=walk.metadata.get(RECOVERY_METADATA, {}),
-        metadata=walk.metadata,
+        metadata={**walk.unreadable_metadata, **walk.metadata},
         attachments=walk.attachments,
         definitions=walk.definitions,
         topics=walk.topics,

@@ -65,7 +65,8 @@ class Walk:
 
     Attributes:
         files: the files walked through.
-        metadata, attachments: by name, the first of each.
+        metadata, attachments: by name, the first of each; of metadata the first that can be read.
+        unreadable_metadata: by name, the first of each that says something impossible.
         session: who recorded it, or None where that is lost.
         definitions: schemas and channels.
         topics: sums by topic.
@@ -79,6 +80,7 @@ class Walk:
         self.files: list[File] = []
         self._on_progress = on_progress
         self.metadata: dict[str, Mapping[str, str]] = {}
+        self.unreadable_metadata: dict[str, Mapping[str, str]] = {}
         self.attachments: dict[str, bytes] = {}
         self.session: Session | None = None
         self._part = FIRST_PART
@@ -144,18 +146,21 @@ class Walk:
         return []
 
     def _describe(self, name: str, pairs: dict[str, str]) -> list[Damage]:
-        self.metadata.setdefault(name, pairs)
         try:
             self._part = self._part.with_metadata(name, pairs)
-            if name == METADATA_NAME:
-                session = from_metadata(pairs)
-                self._session_id = session.session_id
-                self.session = self.session or session
-                if session != self.session:
-                    raise ValueError("it stands there twice, and not alike; the first counts")
+            session = from_metadata(pairs) if name == METADATA_NAME else None
         except ValueError as error:
+            self.unreadable_metadata.setdefault(name, pairs)
             return [Damage(0, f"metadata '{name}': {error}")]
-        return []
+        self.metadata.setdefault(name, pairs)
+        if session is None:
+            return []
+        self._session_id = session.session_id
+        self.session = self.session or session
+        if session == self.session:
+            return []
+        text = "it stands there twice, and not alike; the first counts"
+        return [Damage(0, f"metadata '{name}': {text}")]
 
     def _check_part(self, path: Path) -> None:
         """Before any message of a later file is counted: is it the part that comes next?"""

@@ -49,7 +49,7 @@ def test_a_disk_that_is_full_at_once_ends_the_session_and_counts_the_rest(
     arm, tmp_path, monkeypatch
 ):
     """Another program took what was left, the reserve included."""
-    room = iter([10**9] * 12)
+    room = iter([10**9])  # for the first chunk
     monkeypatch.setattr(RecordingFile, "room", lambda self: next(room, 1000))
     summary = run(arm, tmp_path / "arm.mcap", Storage(sync=Sync.NEVER))
     assert summary.ending is Ending.FAILED

@@ -19,7 +19,7 @@ from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
 from recordings import messages_pb2
-from recordings.chunks import Block, scan
+from recordings.chunks import scan
 from recordings.codec import READING, schema_data
 from recordings.errors import (
     HopelessRecording,
@@ -30,6 +30,7 @@ from recordings.errors import (
     RigError,
 )
 from recordings.events import Dwell, Mark, Reading
+from recordings.items import Block
 from recordings.reader import read_recording
 from recordings.recover import recover
 from recordings.session import Session
@@ -353,3 +354,20 @@ def test_what_a_recovery_notes_is_documented(sample: Sample, tmp_path: Path) -> 
     for key in noted:
         name, _, rest = key.partition("/")
         assert f"| `{name}/<topic>` |" in doc if rest else f"| `{name}` |" in doc, key
+
+
+@pytest.mark.parametrize("copies", [1, 2])
+def test_a_damaged_word_on_the_session_does_not_damage_what_is_recovered(
+    sample: Sample, tmp_path: Path, copies: int
+) -> None:
+    """Metadata has no CRC: a digit of the start becomes a control character, in one copy or in both."""
+    start = str(START_NS).encode()
+    assert sample.data.count(start) == 2
+    path, saved = tmp_path / "damaged.mcap", tmp_path / "saved.mcap"
+    path.write_bytes(sample.data.replace(start, start[:7] + b"\x10" + start[8:], copies))
+    assert "invalid literal" in survey(path).damage[0]
+    recover(path, saved)
+    recording = read_recording(saved)
+    assert recording.session.operator == "Ada"
+    assert recording.session.start_ns == (START_NS if copies == 1 else 0)
+    assert len(recording.readings["q1"]) == COUNT
