@@ -20,8 +20,10 @@ class ThermalGrowth(WarmUp):
 
     name = "thermal-growth"
 
-    def __init__(self, site: Site, where: str, decay: float | None = None) -> None:
-        super().__init__(site, where, decay)
+    def __init__(
+        self, site: Site, where: str, decay: float | None = None, lasted_s: float = 0.0
+    ) -> None:
+        super().__init__(site, where, decay, lasted_s)
         names = _lengths(site)
         self._targets = np.array([site.parameter(name) for name in names], dtype=np.intp)
 

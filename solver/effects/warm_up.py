@@ -16,6 +16,7 @@ own files.
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
@@ -24,7 +25,13 @@ from recordings.rig import DescribedEffect
 from solver.effects.effect import Array, Coefficient, Effect, Recorded, Site
 from solver.mechanism.circumstances import Circumstances
 
-_DECAYS = (1.0, 2.0, 4.0, 8.0)  # per session: courses next to each other are nine tenths alike
+_DECAYS = (
+    1.0,
+    2.0,
+    4.0,
+    8.0,
+    16.0,
+)  # per session: courses next to each other are nine tenths alike
 _FINER = 9  # decays between the two neighbours of one of those
 _USUAL = 1e-3  # 1/s: a quarter of an hour
 _SMALL = 1e-2  # of decay times t: below it series are exact to rounding
@@ -38,14 +45,18 @@ class WarmUp(Effect):
         site: the rig.
         where: what moves.
         decay: where the decay begins to be sought [1/s]; None for a straight line.
+        lasted_s: how long the sessions lasted in which it is sought; 0 where that is not known.
     """
 
     needs = ("time_s",)
     scanned = True
 
-    def __init__(self, site: Site, where: str, decay: float | None = None) -> None:
+    def __init__(
+        self, site: Site, where: str, decay: float | None = None, lasted_s: float = 0.0
+    ) -> None:
         super().__init__(site, where)
         self._decay = decay
+        self._lasted_s = lasted_s
 
     @classmethod
     def untestable(cls, site: Site, where: str, at: Circumstances) -> str | None:
@@ -59,14 +70,17 @@ class WarmUp(Effect):
         lasted = 0.0 if since is None else float(since.max(initial=0.0))
         if not lasted > 0.0:
             return (cls(site, where),)
-        return (cls(site, where), *(cls(site, where, decay / lasted) for decay in _DECAYS))
+        warming = (cls(site, where, decay / lasted, lasted) for decay in _DECAYS)
+        return (cls(site, where), *warming)
 
     def closer(self, recorded: Recorded) -> tuple[Self, ...]:
         if self._decay is None:
             return ()
         step = _DECAYS[1] / _DECAYS[0]
         near = self._decay * np.geomspace(1.0 / step, step, _FINER)
-        return tuple(type(self)(self.site, self.where, decay) for decay in near.tolist())
+        return tuple(
+            type(self)(self.site, self.where, decay, self._lasted_s) for decay in near.tolist()
+        )
 
     @classmethod
     def read(cls, site: Site, described: DescribedEffect) -> Self:
@@ -78,14 +92,18 @@ class WarmUp(Effect):
     @property
     @abstractmethod
     def rate(self) -> Coefficient:
-        """How fast it moves when the session begins."""
+        """How fast it moves, in the mean."""
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:
         if self._decay is None:
             return (self.rate,)
+        # What comes to rest early begins as many times faster than in the mean.
+        x = max(self._decay * self._lasted_s, 0.0)
+        faster = x / -np.expm1(-x) if x > 0.0 else 1.0
+        rate = replace(self.rate, plausible=float(faster * self.rate.plausible))
         start = self._decay
-        return (self.rate, Coefficient("decay", "rate", abs(start) or _USUAL, 0.0, start=start))
+        return (rate, Coefficient("decay", "rate", abs(start) or _USUAL, 0.0, start=start))
 
     def moved_by(self, coefficients: Array, at: Circumstances) -> tuple[Array, Array] | None:
         """How far it has moved at P poses, (P,), and by each of k coefficients, (P, k)."""

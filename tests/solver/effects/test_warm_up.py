@@ -70,7 +70,7 @@ def test_every_session_begins_cold() -> None:
         # Decays are tried by how long one session lasts, not all of them.
         forms = effect.variants(site, effect.where, Recorded(np.zeros((len(begun), 4)), at))
         tried = [form.coefficients[1].start * TIME_S[-1] for form in forms[1:]]
-        np.testing.assert_allclose(tried, [1.0, 2.0, 4.0, 8.0])
+        np.testing.assert_allclose(tried, [1.0, 2.0, 4.0, 8.0, 16.0])
 
 
 def test_its_size_is_the_slope_of_the_best_straight_line() -> None:
@@ -94,3 +94,15 @@ def test_a_rig_file_says_by_its_keys_whether_a_drift_fades() -> None:
         warming(decay=(0.004, "rate"))
     with pytest.raises(MechanismError, match=r"'decay' \(time\)"):
         warming(rate=rate, decay=(250.0, "time"))
+
+
+def test_what_comes_to_rest_early_may_begin_fast() -> None:
+    # By plausible rates, half a session of mean speed: the same way, whatever the decay.
+    site, at = Site(load_rig("arm")), Circumstances(time_s=TIME_S)
+    forms = OffsetDrift.variants(site, "q6", Recorded(np.zeros((len(TIME_S), 7)), at))
+    ways = []
+    for form in forms:
+        rate, *decay = form.coefficients
+        start = [rate.plausible, *(c.start for c in decay)]
+        ways.append(float(moved(form, at, *start)[-1]))
+    np.testing.assert_allclose(ways, 1e-5 * TIME_S[-1], rtol=1e-9)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from recordings.reader import read_recording
-from recordings.rig import load_rig, rig_text
+from recordings.rig import DescribedEffect, Quantity, load_rig, parse_rig, rig_text
+from recordings.rig.edit import with_effect
 from sim_devices.simulate import simulate
 from sim_devices.truth import Truth
 from solver.gap.analysis import analyse
@@ -91,3 +92,18 @@ def test_a_parameter_that_no_reading_tells_from_another_is_told_with_it(tmp_path
     twin = next(r for r in effect.could_also_be if r.where == "joint5.s")
     assert (effect.where, twin.log_evidence) == ("joint3.s", 0.0)
     assert abs(twin.size - hidden.size) < 4.0 * twin.standard_error
+
+
+def test_a_zero_that_comes_to_rest_early_is_among_the_names(tmp_path: Path) -> None:
+    # In an eighth of the session all is over; where so few poses show it, others of the loop look alike.
+    text = rig_text("shoulder")[0]
+    warming = {"rate": Quantity(1e-4, "speed"), "decay": Quantity(0.12, "rate")}
+    grown = with_effect(text, DescribedEffect("offset-drift", "d2", warming))
+    simulate(parse_rig(grown), grown, tmp_path / "r.mcap", seed=11)
+    gap = analyse(replace(read_recording(tmp_path / "r.mcap"), rig=load_rig("shoulder")))
+    (effect,) = gap.effects
+    group = {(effect.name, effect.where), *((r.name, r.where) for r in effect.could_also_be)}
+    assert ("offset-drift", "d2") in group
+    decay = effect.entry.values["decay"]
+    assert decay.uncertainty is not None
+    assert abs(decay.nominal - 0.12) < 4.0 * decay.uncertainty < 0.1

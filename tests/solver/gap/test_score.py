@@ -61,7 +61,7 @@ def test_a_warm_up_is_screened_by_its_speed_alone_and_shares_evidence_with_a_lin
     fit = first_fit(recording, average(recording))
     tested = [c for c in candidates(fit)[0] if c.label == "offset-drift@d1"]
     found = forms(fit, tested)
-    assert [len(form.effect.coefficients) for form in found] == [1, 2, 2, 2, 2]
+    assert [len(form.effect.coefficients) for form in found] == [1, 2, 2, 2, 2, 2]
     assert {form.basis.shape[1] for form in found} == {1}
     # Of forms that explain nothing, the line has half of the evidence, and is what would be named.
     nothing = [replace(form, basis=form.basis[:, :0]) for form in found]
