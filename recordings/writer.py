@@ -1,7 +1,7 @@
 """Writes a recording.
 
-Owns the order of what is in the files, from their creation to their summaries, the turn
-from one part to the next, and an orderly end when the disk fails. Reads no clock: every
+Owns the order of what is in the files, from their creation to their summaries, what is said at the
+turn from one part to the next, and an orderly end when the disk fails. Reads no clock: every
 time in a recording is the time of an event.
 """
 
@@ -20,16 +20,14 @@ from recordings import codec
 from recordings.errors import DiskFailed, RecordingError
 from recordings.events import Event, Fault, LedgerEntry, ModeCommand, ModeReport, Reading
 from recordings.ledger import Ledger, Losses
-from recordings.part import FIRST_PART, Part, old_parts, part_path
 from recordings.part_file import PROFILE, RIG_ATTACHMENT, PartFile
 from recordings.rig import SerialMechanism, parse_rig
 from recordings.rows import checked_columns
+from recordings.series import Series
 from recordings.session import Session
 from recordings.storage import Storage, disk_error
 from recordings.topics import Topics
 from recordings.wire import encode_reading, encode_rows
-
-_SECOND = 1_000_000_000
 
 
 class Writer:
@@ -54,29 +52,20 @@ class Writer:
         session: Session,
         storage: Storage | None = None,
     ) -> None:
-        self._first_path = Path(path)
-        self._storage = storage or Storage()
-        self._rig_toml = rig_toml
-        self._session = session
         rig = parse_rig(rig_toml)
         self._channel_names = tuple(channel.name for channel in rig.channels)
         joints = rig.mechanism.places if isinstance(rig.mechanism, SerialMechanism) else ()
         self._joint_names = tuple(joints)
-        self._time_ns = self._part_start_ns = session.start_ns
+        self._time_ns = session.start_ns
         self._ledger = Ledger()
         self._closed = False
-        self._rotates = self._storage.rotate_bytes is not None or self._storage.rotate_s is not None
-        if self._rotates:
-            _refuse_old_parts(self._first_path)
-        self._file = self._open(FIRST_PART)
-        self._begun_bytes = self._file.container.size
+        self._series = Series(Path(path), rig_toml, session, storage or Storage())
         self._topics = Topics(self._file.container)
 
     @property
     def paths(self) -> tuple[Path, ...]:
         """The files written so far, in order."""
-        numbers = range(1, self._file.part.number + 1)
-        return tuple(part_path(self._first_path, number) for number in numbers)
+        return self._series.paths
 
     @property
     def nearly_full(self) -> str:
@@ -85,14 +74,7 @@ class Writer:
         The reserve is there to end the session with: drives made safe, ledger and summary
         written.
         """
-        room = self._file.room()
-        if room >= self._storage.reserve_bytes:
-            return ""
-        return (
-            f"the disk is nearly full: '{self._file.path}' can grow by {room / 1e6:.1f} MB, "
-            f"less than the reserve of {self._storage.reserve_bytes / 1e6:.1f} MB; make room, "
-            "or record to another disk"
-        )
+        return self._series.nearly_full
 
     def write(self, event: Event) -> None:
         """Record one event.
@@ -266,31 +248,19 @@ class Writer:
             if of_caller or not self._ledger.is_kept_by_caller(entry.source):
                 self._append(codec.kind_of(entry), entry.source, entry)
 
-    def _open(self, part: Part) -> PartFile:
-        path = part_path(self._first_path, part.number)
-        return PartFile(path, self._rig_toml, self._session, part, self._storage.sync)
+    @property
+    def _file(self) -> PartFile:
+        return self._series.file
 
     def _turn_if_due(self) -> None:
         """Go on in the next part where this one is large or long enough."""
-        if not self._rotates:
-            return
-        size, seconds = self._storage.rotate_bytes, self._storage.rotate_s
-        grown = self._file.container.size > self._begun_bytes
-        due = size is not None and self._file.container.size >= size
-        due |= seconds is not None and self._time_ns - self._part_start_ns >= seconds * _SECOND
-        if not due or not grown:
+        if not self._series.is_due(self._time_ns):
             return
         old = self._file
-        part = Part(
-            number=old.part.number + 1,
-            previous_file=old.path.name,
-            received_before={name: self._topics.received(name) for name in self._channel_names},
-        )
+        received = {name: self._topics.received(name) for name in self._channel_names}
         try:
-            new = self._open(part)
+            new = self._series.next_file(received)
         except RecordingError as error:
-            # Better a part that is too long than none: the session goes on in this one.
-            self._rotates = False
             text = f"no further part was begun: {error}"
             fault = Fault(self._time_ns, "recording", "rotation", text)
             self._append(codec.kind_of(fault), "", fault)
@@ -304,14 +274,14 @@ class Writer:
         except DiskFailed:
             new.discard()
             raise
-        self._file, self._part_start_ns = new, self._time_ns
+        self._series.file = new
         self._topics = self._topics.carried_to(new.container)
         self._write_ledger(None, of_caller=True)
         try:
             new.flush()
         except OSError as error:
             raise self._failed(error) from error
-        self._begun_bytes = new.container.size
+        self._series.begun(self._time_ns)
 
     def _check_channel(self, name: str) -> None:
         if name not in self._channel_names:
@@ -357,14 +327,6 @@ class Writer:
             )
         return DiskFailed(
             f"cannot go on with the recording '{self._file.path}': {text}; {ended}", readings
-        )
-
-
-def _refuse_old_parts(first: Path) -> None:
-    for path in old_parts(first):
-        raise RecordingError(
-            f"'{path}' exists already, and would be taken for a part of '{first}'; choose "
-            "another name or move it away"
         )
 
 
