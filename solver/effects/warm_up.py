@@ -1,7 +1,8 @@
 """How something creeps while a machine warms up: evenly, or ever more slowly until it is warm.
 
 A body that is heated evenly and loses heat in proportion to how warm it is (Newton's law of
-cooling) nears its last temperature as 1 - exp(-t / tau), and so does what grows with it. Told by how fast it begins,
+cooling) nears its last temperature as 1 - exp(-t / tau), and so does what grows with it. Told by
+how fast it begins,
 
     c(t) = integral of exp(-decay s) ds, s = 0 ... t = (1 - exp(-decay t)) / decay,   decay = 1 / tau,
 
@@ -25,13 +26,7 @@ from recordings.rig import DescribedEffect
 from solver.effects.effect import Array, Coefficient, Effect, Recorded, Site
 from solver.mechanism.circumstances import Circumstances
 
-_DECAYS = (
-    1.0,
-    2.0,
-    4.0,
-    8.0,
-    16.0,
-)  # per session: courses next to each other are nine tenths alike
+_DECAYS = (1.0, 2.0, 4.0, 8.0, 16.0)  # per session: neighbours are nine tenths alike
 _FINER = 9  # decays between the two neighbours of one of those
 _USUAL = 1e-3  # 1/s: a quarter of an hour
 _SMALL = 1e-2  # of decay times t: below it series are exact to rounding
