@@ -35,8 +35,11 @@ ARMS = {
 PLACES = ARMS["panda_2_clean"]
 FOLDER = {place: DATA / arm / place for arm, places in ARMS.items() for place in places}
 JOINTS = 7
-LOADED = tuple(f"panda_joint{n}" for n in range(2, JOINTS))
-"""Joints that bear weight: the first is upright, and the weight behind the last is nearly balanced."""
+LOADED = {
+    "joint-compliance": tuple(f"panda_joint{n}" for n in (2, 3, 4, 5, 6)),
+    "bearing-compliance": tuple(f"panda_joint{n}" for n in (1, 2, 3, 4, 5)),
+}
+"""Joints that weight turns and tilts: the first is upright, and behind the last ones hardly any is left."""
 
 WEIGHTS = {
     "panda_link1": (4.970684, (3.875e-3, 2.081e-3, -47.62e-3)),
@@ -58,7 +61,10 @@ DISTANCE = (
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Noise and uncertainties; the compliance in rad/Nm, 0 for a rig without elastic joints."""
+    """Noise and uncertainties; compliances of joints and of their bearings [rad/Nm], 0 for rigid ones.
+
+    A spring gives way and never the other way: it is as compliant as uncertain.
+    """
 
     noise_rad: float
     play_m: float
@@ -66,6 +72,7 @@ class Choice:
     angle_rad: float
     encoder_rad: float
     compliance: float = 0.0
+    bearing: float = 0.0
 
 
 def weighted_urdf() -> str:
@@ -114,10 +121,13 @@ def rig_text_of(
         "[[mechanism.fixture]]", slides[1] + slides[2] + "[[mechanism.fixture]]", 1
     )
     elastic = [
-        f'[[effect]]\nname = "joint-compliance"\nwhere = "{joint}"\ncompliance_rad_per_Nm = '
-        f"{{ nominal = 0, uncertainty = {choice.compliance}, identify = true }}\n"
-        for joint in LOADED
-        if choice.compliance > 0
+        f'[[effect]]\nname = "{name}"\nwhere = "{joint}"\ncompliance_rad_per_Nm = '
+        f"{{ nominal = {width}, uncertainty = {width}, identify = true }}\n"
+        for (name, joints), width in zip(
+            LOADED.items(), (choice.compliance, choice.bearing), strict=True
+        )
+        for joint in joints
+        if width > 0
     ]
     return text + (DISTANCE if distance else "") + "".join(channels) + "".join(elastic)
 

@@ -11,6 +11,7 @@ import csv
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,13 +24,14 @@ from recordings.urdf import COUNT
 from solver.gap.analysis import analyse
 from solver.gap.result import Gap
 
-LIKELIEST = Choice(0.14e-3, 0.07e-3, 1e-3, 3e-3, 10e-3)
+RIGID = Choice(0.14e-3, 0.07e-3, 1e-3, 3e-3, 10e-3)
+ELASTIC = replace(RIGID, compliance=2e-5, bearing=2e-5)
 CASES = (("panda_2_clean", TRAINED), ("panda_3", "frontcenter"))
 
 
-def analysed(place: str) -> Gap:
+def analysed(place: str, choice: Choice) -> Gap:
     """The gap of one place, from tables as a user would bring them."""
-    text = rig_text_of(LIKELIEST)
+    text = rig_text_of(choice)
     rig = parse_rig(text)
     angles, sockets = poses(place)
     with tempfile.TemporaryDirectory() as folder:
@@ -47,33 +49,36 @@ def analysed(place: str) -> Gap:
         return analyse(read_recording(recording))
 
 
+def tell(title: str, gap: Gap, took_s: float) -> None:
+    """Print what the analysis says."""
+    held = gap.held_out
+    print(f"\n{title}: {gap.verdict.value}{', provisional' * gap.provisional}, {took_s:.0f} s")
+    for reason in gap.reasons:
+        print(f"  {reason}")
+    if held is not None:
+        print(f"  gap on {held.poses} held-out poses: {held.before:.3f} -> {held.after:.3f}")
+    for named in gap.search.named:
+        best = named.best
+        print(
+            f"  came near: {best.effect.label}, chi-square {best.explained:.0f}, "
+            f"rivals: {', '.join(r.effect.label for r in named.rivals) or 'none'}"
+        )
+    look = gap.search.before
+    order = np.argsort(-look.screen.log_evidence)[:6]
+    ranked = [f"{look.candidates[i].label} ({look.screen.log_evidence[i]:.1f})" for i in order]
+    print(f"  likeliest by themselves (log evidence): {', '.join(ranked)}")
+
+
 def main() -> None:
     asked = sys.argv[1:]
     cases = tuple(zip(asked[::2], asked[1::2], strict=True)) or CASES
     for arm, place in cases:
         if place not in FOLDER:
             sys.exit(f"there is no place '{place}'; there are: {', '.join(FOLDER)}")
-        start = time.process_time()
-        gap = analysed(place)
-        took = time.process_time() - start
-        held = gap.held_out
-        print(
-            f"\n{arm}, {place}: {gap.verdict.value}{', provisional' * gap.provisional}, {took:.0f} s"
-        )
-        for reason in gap.reasons:
-            print(f"  {reason}")
-        if held is not None:
-            print(f"  gap on {held.poses} held-out poses: {held.before:.3f} -> {held.after:.3f}")
-        for named in gap.search.named:
-            best = named.best
-            print(
-                f"  came near: {best.effect.label}, chi-square {best.explained:.0f}, "
-                f"rivals: {', '.join(r.effect.label for r in named.rivals) or 'none'}"
-            )
-        look = gap.search.before
-        order = np.argsort(-look.screen.log_evidence)[:6]
-        ranked = [f"{look.candidates[i].label} ({look.screen.log_evidence[i]:.1f})" for i in order]
-        print(f"  likeliest by themselves (log evidence): {', '.join(ranked)}")
+        for words, choice in (("rigid joints", RIGID), ("elastic joints", ELASTIC)):
+            start = time.process_time()
+            gap = analysed(place, choice)
+            tell(f"{arm}, {place}, {words}", gap, time.process_time() - start)
 
 
 if __name__ == "__main__":

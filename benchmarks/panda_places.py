@@ -23,12 +23,13 @@ from recordings.rig import parse_rig
 Array = NDArray[np.float64]
 
 CHOICE = Choice(
-    noise_rad=0.14e-3,
+    noise_rad=0.10e-3,
     play_m=0.07e-3,
     length_m=0.5e-3,
     angle_rad=1.5e-3,
     encoder_rad=10e-3,
-    compliance=5e-5,
+    compliance=2e-5,
+    bearing=2e-5,
 )
 """What `panda.py` chooses from the place front_center of panda_2_clean alone."""
 
