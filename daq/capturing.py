@@ -19,7 +19,7 @@ from daq.arming import Arming
 from daq.clock import Clock, HostClock
 from daq.errors import PlanNotPossible
 from daq.interlocks import Interlocks
-from daq.memory import set_aside
+from daq.interpreter import set_for_a_session
 from daq.mobility import Mobility, counted
 from daq.options import CaptureOptions
 from daq.preflight import arm_drives, check_drives, check_path, check_plan, open_all
@@ -118,7 +118,7 @@ def capture(
         arming = arming or Arming(clock, rig.interlocks.arming)
         limited = arm_drives(rig, joints, statuses, arm) or arm_virtual
         arming.grant()
-        with signals_set(stop), set_aside():
+        with signals_set(stop), set_for_a_session():
             session = RunningSession(
                 rig=rig,
                 plan=plan,

@@ -1,0 +1,19 @@
+"""What a session asks of the interpreter holds as long as the session, however it ends."""
+
+from __future__ import annotations
+
+import gc
+import sys
+
+import pytest
+
+from daq.interpreter import SWITCH_S, set_for_a_session
+
+
+def test_it_is_set_back_when_a_session_fails():
+    before = sys.getswitchinterval(), gc.get_freeze_count()
+    with pytest.raises(ZeroDivisionError), set_for_a_session():
+        assert sys.getswitchinterval() == pytest.approx(SWITCH_S)
+        assert gc.get_freeze_count() > before[1]
+        raise ZeroDivisionError
+    assert (sys.getswitchinterval(), gc.get_freeze_count()) == before
