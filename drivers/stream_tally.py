@@ -82,7 +82,9 @@ class StreamTally:
         """
         self._received += 1
         room = self._room_until(time_ns)
-        if step is not None:
+        if step == 1 and not self._doubtful:
+            self._anew = False
+        elif step is not None:
             self._take_step(step, room)
         elif self._last_ns is not None:
             self._judge_pause(time_ns - self._last_ns)
@@ -137,12 +139,14 @@ class StreamTally:
     def _room_until(self, time_ns: int) -> int:
         """How many readings more than this one the time can have held, as far as it is known."""
         period_ns: float | None = self._period_ns
-        if self._pauses >= FEWEST_PAUSES and self._mean_ns > 0.0:
-            period_ns = self._mean_ns if period_ns is None else min(period_ns, self._mean_ns)
+        mean_ns = self._mean_ns
+        if self._pauses >= FEWEST_PAUSES and mean_ns > 0.0:
+            period_ns = mean_ns if period_ns is None or mean_ns < period_ns else period_ns
         if period_ns is None or self._last_ns is None:
             return 1 << 32
-        passed = HURRY * (time_ns - self._last_ns) / max(period_ns, 1.0)
-        self._room = max(min(self._room, ROOM) + passed - 1.0, 0.0)
+        room = self._room if self._room < ROOM else ROOM
+        room += HURRY * (time_ns - self._last_ns) / max(period_ns, 1.0) - 1.0
+        self._room = room if room > 0.0 else 0.0
         return int(self._room)
 
     def _period(self) -> float | None:

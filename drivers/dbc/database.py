@@ -8,7 +8,8 @@ message should come (attribute ``GenMsgCycleTime``).
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 from cantools.database import load_string
 from cantools.database.can import Database, Message, Signal
@@ -37,6 +38,16 @@ class DbcSignal:
     def multiplexed(self) -> bool:
         """Whether only some frames of its message have it."""
         return bool(self.present_if)
+
+    @property
+    def reader(self) -> Callable[[bytes], int | None]:
+        """The same as `raw`, without asking each frame what is true of all."""
+        return self.raw if self.present_if else self.layout.raw
+
+    @property
+    def unsigned(self) -> DbcSignal:
+        """The same bits as a number from 0 on."""
+        return replace(self, layout=replace(self.layout, signed=False))
 
     def raw(self, data: bytes) -> int | None:
         """Raw value in a frame's ``data``, None where this frame has it not; raises Malformed."""

@@ -86,12 +86,14 @@ class MessageTrack:
         self.name = message.name
         self.identifier = message.identifier
         self._invalid = options.invalid
-        self._counter = _optional(message, options.counter)
-        self._clock = _optional(message, options.clock)
+        counter = _optional(message, options.counter)
+        clock = _optional(message, options.clock)
+        self._count = None if counter is None else counter.reader
+        self._ticks = None if clock is None else clock.reader
         period_ns = message.period_ns if options.cycle_ms is None else options.cycle_ms * 1_000_000
         self._arrivals = Arrivals(
-            counter_bits=None if self._counter is None else self._counter.layout.length,
-            clock_bits=None if self._clock is None else self._clock.layout.length,
+            counter_bits=None if counter is None else counter.layout.length,
+            clock_bits=None if clock is None else clock.layout.length,
             tick_ns=options.clock_tick_us * 1000,
             period_ns=period_ns,
         )
@@ -99,6 +101,7 @@ class MessageTrack:
             (channel.name, signal, StreamTally(None if signal.multiplexed else period_ns))
             for channel, signal in channels
         ]
+        self._readers = [signal.reader for _, signal in channels]
         self.tallies = {name: tally for name, _, tally in self._channels}
         self.timeout_ns = UNKNOWN_SILENCE_NS
         if options.timeout is not None:
@@ -110,9 +113,11 @@ class MessageTrack:
     def readings(self, frame: Frame) -> tuple[list[Reading], bool]:
         """The readings in a frame, and whether the device has restarted; raises Malformed."""
         data, time_ns = frame.data, frame.time_ns
-        values = [signal.raw(data) for _, signal, _ in self._channels]
+        values = [read(data) for read in self._readers]
         arrival = self._arrivals.take(
-            time_ns, _unsigned(self._counter, data), _unsigned(self._clock, data)
+            time_ns,
+            None if self._count is None else self._count(data),
+            None if self._ticks is None else self._ticks(data),
         )
         sequence, device_time_ns, step, restarted = arrival
         flags = arrival.flags
@@ -133,13 +138,10 @@ class MessageTrack:
 
 
 def _optional(message: DbcMessage, name: str | None) -> DbcSignal | None:
-    return None if name not in message.signal_names or name is None else message.signal(name)
-
-
-def _unsigned(signal: DbcSignal | None, data: bytes) -> int | None:
-    """Value of a counter or clock, which wraps from its highest to 0 even if called signed."""
-    raw = None if signal is None else signal.raw(data)
-    return raw if raw is None or signal is None else raw % (1 << signal.layout.length)
+    """A counter or clock, which wraps from its highest to 0 even if called signed."""
+    if name is None or name not in message.signal_names:
+        return None
+    return message.signal(name).unsigned
 
 
 class DbcEncoder:

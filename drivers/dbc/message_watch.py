@@ -55,11 +55,10 @@ class MessageWatch(SilenceWatch):
 
     def hear(self, now_ns: int) -> bool:
         """It came; whether that ends a silence."""
-        if self.expects:
-            if now_ns - self._heard_ns > PAUSE_NS:
-                self._void_until_ns = now_ns + VOID_NS
-            self._heard_ns = now_ns
-            self._count += 1
+        if now_ns - self._heard_ns > PAUSE_NS:
+            self._void_until_ns = now_ns + VOID_NS
+        self._heard_ns = now_ns
+        self._count += 1
         return super().hear(now_ns)
 
     def doubles(self, now_ns: int) -> bool:
