@@ -9,13 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
-
 from solver.effects.effect import Effect, Recorded
 from solver.effects.registry import effect_kinds
+from solver.gap.channels import moved
 from solver.gap.fit import Fit
-
-_MOVED = 3.0  # standard deviations of a mean
 
 
 @dataclass(frozen=True)
@@ -45,10 +42,9 @@ def _still(fit: Fit, where: str) -> str | None:
     """Why nothing can be told of a channel that never moved, in words; None for all others."""
     if where not in fit.model.channels:
         return None
-    c = fit.model.channels.index(where)
-    counts, sigma = fit.observed.counts[:, c], fit.observed.sigma[:, c]
-    moved = float(np.std(counts)) > _MOVED * float(np.median(sigma))
-    return None if moved else f"the readings of {where} did not change"
+    if moved(fit)[fit.model.channels.index(where)]:
+        return None
+    return f"the readings of {where} did not change"
 
 
 def candidates(

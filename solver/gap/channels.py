@@ -17,6 +17,7 @@ from solver.gap.fit import Fit
 
 Array = NDArray[np.float64]
 
+_MOVED = 10.0  # times its noise
 _UNCHECKED = 1e-6  # share of a reading's own noise below which nothing else of the loop sees it
 
 
@@ -78,3 +79,13 @@ def checked(fit: Fit) -> Array:
     )
     share = np.einsum("pcc->pc", response)
     return np.where(share > _UNCHECKED, share, np.nan)
+
+
+def moved(fit: Fit) -> NDArray[np.bool_]:
+    """(C,) which channels moved by so much more than their noise that a pose is known by them.
+
+    What is fitted to one that stood still (the play of a ball in its socket) is mostly its own error,
+    and would seem to go with it.
+    """
+    spread = np.std(fit.observed.counts, axis=0)
+    return np.asarray(spread > _MOVED * np.median(fit.observed.sigma, axis=0))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from solver.estimate.nuisance import eliminated
-from solver.gap.channels import checked
+from solver.gap.channels import checked, moved
 from solver.gap.fit import Fit
 from solver.gap.score import Array, log_f_tail
 from solver.mechanism.model import Linearised
@@ -161,17 +161,21 @@ def _trace(fit: Fit, here: Linearised, channel: int, shapes: Array) -> Array:
 def _shapes(fit: Fit) -> list[tuple[str, Array]]:
     """Smooth functions (P, k) of the poses' circumstances, each of unit mean square."""
     values = fit.values
-    scaled = (values - values.mean(axis=0)) / np.maximum(values.std(axis=0), 1e-300)
-    left, singular, _ = np.linalg.svd(scaled, full_matrices=False)
-    freedoms = max(values.shape[1] - fit.redundancy, 1)
-    kept = left[:, : min(freedoms, int(np.sum(singular > _SPREAD * singular[0])))]
-    principal = kept * np.sqrt(len(values))
-    terms = [
-        np.prod(principal[:, list(chosen)], axis=1)
-        for power in range(1, _POWER + 1)
-        for chosen in combinations_with_replacement(range(principal.shape[1]), power)
+    scaled = ((values - values.mean(axis=0)) / np.maximum(values.std(axis=0), 1e-300))[
+        :, moved(fit)
     ]
-    out = [("pose", np.stack(terms, axis=1))]
+    out = []
+    if scaled.shape[1]:
+        left, singular, _ = np.linalg.svd(scaled, full_matrices=False)
+        freedoms = max(values.shape[1] - fit.redundancy, 1)
+        kept = left[:, : min(freedoms, int(np.sum(singular > _SPREAD * singular[0])))]
+        principal = kept * np.sqrt(len(values))
+        terms = [
+            np.prod(principal[:, list(chosen)], axis=1)
+            for power in range(1, _POWER + 1)
+            for chosen in combinations_with_replacement(range(principal.shape[1]), power)
+        ]
+        out.append(("pose", np.stack(terms, axis=1)))
     at = fit.at
     if at.time_s is not None and np.ptp(at.time_s) > 0:
         x = (at.time_s - at.time_s.min()) / np.ptp(at.time_s)
@@ -183,9 +187,9 @@ def _shapes(fit: Fit) -> list[tuple[str, Array]]:
 
 
 def _moves(fit: Fit, channel: int) -> list[tuple[str, Array]]:
-    """`_went`, of unit mean square; nothing where nobody knows the order."""
+    """`_went`, of unit mean square; nothing where nobody knows the order, or the channel did not move."""
     time_s = fit.at.time_s
-    if time_s is None or not np.ptp(time_s) > 0:
+    if time_s is None or not np.ptp(time_s) > 0 or not moved(fit)[channel]:
         return []
     return [("move", _unit(_went(fit, channel)))]
 

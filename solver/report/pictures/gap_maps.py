@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from solver.gap.channels import Disagreement
+from solver.gap.channels import Disagreement, moved
 from solver.gap.fit import Fit
 from solver.report.notation import Unit, figures, fine_unit
 from solver.report.pictures.canvas import (
@@ -48,11 +48,13 @@ class Course:
         label: of the axis, unit included.
         along: (P, C) what it was at every pose, for every channel.
         sides: whether it is a side (-1, 0, 1) and no quantity.
+        nowhere: what is said of a channel for which there is nothing.
     """
 
     label: str
     along: Array
     sides: bool = False
+    nowhere: str = "not known"
 
 
 def courses(fit: Fit, found: Disagreement) -> tuple[Course, ...]:
@@ -60,8 +62,9 @@ def courses(fit: Fit, found: Disagreement) -> tuple[Course, ...]:
     at, poses, channels = fit.at, *found.values.shape
     unit = {"deg": Unit("deg", 1.0), "m": Unit("mm", 1e-3)}
     scaled = found.values / np.array([unit[name].to_si for name in found.units])
+    scaled = np.where(moved(fit), scaled, np.nan)
     kinds = list(dict.fromkeys(unit[name].name for name in found.units))
-    out = [Course(f"its own value [{' or '.join(kinds)}]", scaled)]
+    out = [Course(f"its own value [{' or '.join(kinds)}]", scaled, nowhere="stood still")]
     if at.time_s is not None and np.ptp(at.time_s) > 0:
         minutes = (at.time_s - at.time_s.min()) / 60.0
         out.append(Course("time [min]", np.tile(minutes[:, None], (1, channels))))
@@ -237,6 +240,7 @@ def _plane(fit: Fit) -> tuple[Array, Array, tuple[str, str]]:
         unit = ["deg" if rig.dimension_of(names[c]) == "angle" else "mm" for c in pair]
         label = tuple(f"{rig.channels[c].name} [{u}]" for c, u in zip(pair, unit, strict=True))
         return values[:, pair[0]] / scale[0], values[:, pair[1]] / scale[1], (label[0], label[1])
+    values = values[:, moved(fit)] if moved(fit).sum() > 1 else values
     spread = values.std(axis=0)
     scaled = (values - values.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
     left, singular, right = np.linalg.svd(scaled, full_matrices=False)
@@ -249,7 +253,7 @@ def _points(axes: Axes, column: Course, c: int, values: Array, colour: str) -> N
     x = column.along[:, c]
     seen = np.isfinite(values) & np.isfinite(x)
     if not np.any(x[seen] != 0.0):
-        _empty(axes, "none" if seen.any() else "not known")
+        _empty(axes, "none" if seen.any() else column.nowhere)
         return
     if column.sides:
         # Spread by the golden ratio: even, and the same every time.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from recordings.reader import read_recording
 from recordings.rig import parse_rig, rig_text
 from sim_devices.simulate import simulate
 from solver.gap.analysis import first_fit
-from solver.gap.channels import disagreement
+from solver.gap.channels import disagreement, moved
 from solver.gap.fit import Fit
 from solver.gap.unknown import Pattern, followed, unknown
 from solver.samples import average
@@ -60,3 +61,17 @@ def test_what_moves_and_swings_leave_is_seen(tmp_path: Path, hide: str, over: se
 def test_a_pattern_over_the_pose_is_no_line(tmp_path: Path) -> None:
     fit = fitted(tmp_path)
     assert followed(fit, Pattern("d1", "pose", 0, -1.0, 1.0)) is None
+
+
+def test_a_channel_that_stood_still_is_no_measure_of_the_pose(tmp_path: Path) -> None:
+    """What is fitted to it is its own error, which would seem to go with itself."""
+    fit = fitted(tmp_path)
+    assert moved(fit).all()
+    sigma = fit.observed.sigma.copy()
+    sigma[:, 0] = np.std(fit.observed.counts[:, 0])
+    still = replace(fit, observed=replace(fit.observed, sigma=sigma))
+    assert moved(still).tolist() == [False, True, True, True]
+    groups = {(p.channel, p.over) for p in unknown(still, np.random.default_rng(1)).patterns}
+    assert ("d1", "time") in groups
+    assert ("d1", "move") not in groups
+    assert ("d2", "move") in groups
