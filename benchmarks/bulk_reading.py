@@ -169,7 +169,7 @@ class Shape:
 
 _64_KIB = 64 * 1024
 SHAPES = (
-    Shape("by arrays, 64 KiB, zstd", in_turns),
+    Shape("by arrays, 256 KiB, zstd", in_turns),
     Shape("as captured, 250 ms, zstd", captured),
     Shape("one by one, interleaved, 250 ms, zstd", one_by_one),
     Shape("one by one, without device time", bare),

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from recordings.summary import record_bytes
 
-CHUNK_BYTES = 64 * 1024
-"""Uncompressed size at which a chunk is closed: small, because a crash takes the open one."""
+CHUNK_BYTES = 256 * 1024
+"""Uncompressed size at which a chunk is closed: what a session of seven channels at 1 kHz writes between
+two flushes fits in, and a damaged one costs little."""
 
 _INDEX_ENTRY = struct.Struct("<QQ")
 _INDEX_ROW = np.dtype([("log_time", "<u8"), ("offset", "<u8")])

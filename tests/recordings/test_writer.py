@@ -187,7 +187,7 @@ def test_arrays_give_the_same_bytes_as_single_readings(
 def test_chunks_are_small(tmp_path: Path, rig_toml: str, session: Session) -> None:
     path = tmp_path / "a.mcap"
     with Writer(path, rig_toml, session) as writer:
-        writer.write_readings("q1", START_NS + np.arange(20_000), np.arange(20_000))
+        writer.write_readings("q1", START_NS + np.arange(60_000), np.arange(60_000))
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
