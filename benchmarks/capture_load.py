@@ -239,7 +239,7 @@ def report(
     lost = {kind: sum(len(each["lost"][kind]) for each in buses) for kind in buses[0]["lost"]}
     late = latencies_ms(recording, anchor_ns)
     median, p99, worst = np.percentile(late, [50, 99, 100])
-    dropped = sum(entry.dropped_by_host for entry in summary.ledger.values())
+    dropped = sum(e.dropped_by_host for n, e in summary.ledger.items() if n.startswith("b"))
     table = Table("", "", title=f"{summary.duration_s:.0f} s, {summary.ending}")
     table.add_row(
         "frames offered", f"{sum(each['sent'] for each in buses):,} ({BUSES} x {given.rate}/s)"
@@ -260,7 +260,7 @@ def report(
         "not delivered by the feeder", ", ".join(f"{n:,} {kind}" for kind, n in lost.items())
     )
     table.add_row("faults injected", str(sum(each["faults"] for each in buses)))
-    table.add_row("refused by the queue (in the ledger)", f"{dropped:,}")
+    table.add_row("frames refused by the queue (in the ledger)", f"{dropped:,}")
     table.add_row(
         "missing in the file", f"{missing:,}, of them unexplained {unexplained - dropped:,}"
     )
