@@ -145,7 +145,7 @@ def evidence(effect: MissingEffect) -> str:
     return (
         f"it takes {figures(effect.explained)} noise units off the sum of squares "
         f"({figures(math.sqrt(max(effect.explained, 0.0)), 2)} standard errors); the rig's parameters could "
-        f"have taken up {100.0 * (1.0 - effect.retained):.0f} % of its trace"
+        f"have taken up all but {figures(100.0 * effect.retained, 2)} % of its trace"
     )
 
 
