@@ -95,10 +95,7 @@ class Recorder:
             self._record()
         except Exception as error:  # noqa: BLE001 - the end of a thread: the session must see it
             self._failed(error)
-            for channel, readings in self._waiting.items():
-                self._ledger.lost(channel, len(readings))
-            self._waiting.clear()
-            self._entries = self._ledger.entries
+            self._save_waiting()
         try:
             self._writer.close()
         except (RecordingError, OSError) as error:
@@ -171,6 +168,18 @@ class Recorder:
             for channel, count in left.items():
                 self._ledger.lost(channel, count)
             raise
+
+    def _save_waiting(self) -> None:
+        """What waits when something could not be written is written, or counted if the disk has failed."""
+        if not isinstance(self._failure, DiskFailed):
+            try:
+                self._write_waiting()
+            except Exception as error:  # noqa: BLE001 - the first failure is told, this one is counted
+                self._failed(error)
+        for channel, readings in self._waiting.items():
+            self._ledger.lost(channel, len(readings))
+        self._waiting.clear()
+        self._entries = self._ledger.entries
 
     def _write_readings(self, channel: str, count: int, columns: dict[str, Any]) -> None:
         try:
