@@ -48,20 +48,20 @@ def test_a_nearly_full_disk_ends_the_session_in_order(arm, tmp_path, monkeypatch
 def test_a_disk_that_is_full_at_once_ends_the_session_and_counts_the_rest(
     arm, tmp_path, monkeypatch
 ):
-    """Another program took what was left, the reserve included."""
+    """Another program took what was left, the reserve included.
+
+    How much is lost depends on what the thread of the file had taken by then; all of it is counted.
+    """
     room = iter([10**9])  # for the first chunk
     monkeypatch.setattr(RecordingFile, "room", lambda self: next(room, 1000))
     summary = run(arm, tmp_path / "arm.mcap", Storage(sync=Sync.NEVER))
     assert summary.ending is Ending.FAILED
     assert "the disk is full; make room" in summary.why
     recording = read_recording(tmp_path / "arm.mcap")
-    lost = 0
     for channel, entry in summary.ledger.items():
         assert entry.unaccounted == 0
         assert len(recording.readings[channel]) == entry.received
         assert recording.ledger[channel].unaccounted == 0
-        lost += entry.dropped_by_host
-    assert lost > 0
     assert {fault.kind for fault in recording.faults} >= {"disk"}
 
 
