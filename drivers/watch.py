@@ -287,7 +287,12 @@ class _ChannelWatch:
                 text = f"is losing readings: {grown} in the last {_s(LOOK_NS):g} s"
                 return [self._fault(now_ns, FaultKind.LOSING, text)]
         elif self._losing_from is not None and _s(now_ns - self._lost_ns) >= COMPLETE_S:
-            text = f"is complete again, after {lost - self._losing_from} lost readings"
+            missing = lost - self._losing_from
+            text = (
+                f"is complete again, after {missing} lost readings"
+                if missing > 0
+                else "is complete again: what seemed lost came late"
+            )
             self._losing_from = None
             return [self._fault(now_ns, FaultKind.COMPLETE, text)]
         return []
