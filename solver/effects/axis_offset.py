@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Self
-
 import numpy as np
 
-from recordings.rig import DescribedEffect, PlatformMechanism, SerialMechanism
+from recordings.rig import PlatformMechanism, SerialMechanism
 from solver.effects.effect import Array, Coefficient, Effect, Shift, Site
 from solver.mechanism.circumstances import Circumstances
 
@@ -32,11 +30,6 @@ class AxisOffset(Effect):
     @classmethod
     def places(cls, site: Site) -> tuple[str, ...]:
         return (*meeting_axes(site), *_shared(site))
-
-    @classmethod
-    def read(cls, site: Site, described: DescribedEffect) -> Self:
-        cls.checked(site, described)
-        return cls(site, described.where).fitting(described)
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:

@@ -6,11 +6,9 @@ what is behind the joint tilts as the moment on it would have it. No sensor sees
 
 from __future__ import annotations
 
-from typing import Self
-
 import numpy as np
 
-from recordings.rig import DescribedEffect, SerialMechanism
+from recordings.rig import SerialMechanism
 from solver.effects.effect import Array, Coefficient, Effect, Shift, Site
 from solver.effects.joint_compliance import unloaded
 from solver.mechanism.circumstances import Circumstances
@@ -47,11 +45,6 @@ class BearingCompliance(Effect):
         if not at.moment[:, site.rig.mechanism.places.index(where)].any():
             return "no weight leans on it"
         return None
-
-    @classmethod
-    def read(cls, site: Site, described: DescribedEffect) -> Self:
-        cls.checked(site, described)
-        return cls(site, described.where).fitting(described)
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:

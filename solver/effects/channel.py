@@ -5,11 +5,8 @@ Owns the bookkeeping only; every law of physics is in an effect's own file.
 
 from __future__ import annotations
 
-from typing import Self
-
 import numpy as np
 
-from recordings.rig import DescribedEffect
 from solver.effects.effect import Array, Effect, Shift, Site
 
 
@@ -30,11 +27,6 @@ class ChannelEffect(Effect):
     def places(cls, site: Site) -> tuple[str, ...]:
         inside = site.rig.mechanism.places
         return tuple(c.name for c in site.rig.channels if c.senses in inside)
-
-    @classmethod
-    def read(cls, site: Site, described: DescribedEffect) -> Self:
-        cls.checked(site, described)
-        return cls(site, described.where).fitting(described)
 
     def of_size(self, angle: float, length: float) -> float:
         """The one of two plausible sizes [rad, m] that fits what the channel measures."""

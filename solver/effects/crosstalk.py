@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Self
-
 import numpy as np
 
-from recordings.rig import DescribedEffect
 from solver.effects.effect import Array, Coefficient, Effect, Shift, Site
 from solver.mechanism.circumstances import Circumstances
 
@@ -37,11 +34,6 @@ class Crosstalk(Effect):
             for source in site.rig.channels
             if into is not source and into.device is not None and into.device == source.device
         )
-
-    @classmethod
-    def read(cls, site: Site, described: DescribedEffect) -> Self:
-        cls.checked(site, described)
-        return cls(site, described.where).fitting(described)
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:

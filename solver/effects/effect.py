@@ -203,9 +203,13 @@ class Effect(ABC):
         return ()
 
     @classmethod
-    @abstractmethod
     def read(cls, site: Site, described: DescribedEffect) -> Self:
-        """The effect of a rig file; raises MechanismError for values that it does not have."""
+        """The effect of a rig file; raises MechanismError for a place or values that it does not have.
+
+        An effect whose form depends on settings overrides this, and reads them.
+        """
+        cls.checked(site, described)
+        return cls(site, described.where).fitting(described)
 
     # What it is made of.
 

@@ -50,11 +50,6 @@ class FixtureCompliance(FixtureEffect):
             return unloaded(site)
         return None if at.force.any() else "nothing presses on the fixture"
 
-    @classmethod
-    def read(cls, site: Site, described: DescribedEffect) -> Self:
-        cls.checked(site, described)
-        return cls(site, described.where).fitting(described)
-
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:
         return (Coefficient("compliance", "compliance", 1e-5, low=0.0),)

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Self
-
 import numpy as np
 
-from recordings.rig import DescribedEffect
 from solver.effects.effect import Array, Coefficient, Effect, Shift, Site
 from solver.mechanism.circumstances import Circumstances
 
@@ -29,11 +26,6 @@ class GainError(Effect):
     def places(cls, site: Site) -> tuple[str, ...]:
         free = {p.name for p in site.table if p.identify or p.tie is not None}
         return tuple(c.name for c in site.rig.channels if f"{c.name}.gain" not in free)
-
-    @classmethod
-    def read(cls, site: Site, described: DescribedEffect) -> Self:
-        cls.checked(site, described)
-        return cls(site, described.where).fitting(described)
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:

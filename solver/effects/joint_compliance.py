@@ -6,11 +6,9 @@ compliance times load. A leg under tension is longer than its sensor shows.
 
 from __future__ import annotations
 
-from typing import Self
-
 import numpy as np
 
-from recordings.rig import DescribedEffect, PlatformMechanism
+from recordings.rig import PlatformMechanism
 from solver.effects.effect import Array, Coefficient, Effect, Shift, Site
 from solver.mechanism.circumstances import Circumstances
 from solver.mechanism.statics import why_unloaded
@@ -42,15 +40,10 @@ class JointCompliance(Effect):
         if at.torque is None:
             return unloaded(site)
         if not at.torque[:, site.rig.mechanism.places.index(where)].any():
-            if getattr(site.rig.mechanism, "standing", "") == "gravity-compensated":
+            if site.rig.mechanism.standing == "gravity-compensated":
                 return "none of the arm's weight rests on it"
             return "no drive held it, so that it carried no load: hold it at some poses"
         return None
-
-    @classmethod
-    def read(cls, site: Site, described: DescribedEffect) -> Self:
-        cls.checked(site, described)
-        return cls(site, described.where).fitting(described)
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:

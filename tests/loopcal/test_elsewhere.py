@@ -30,7 +30,8 @@ def test_a_real_arm_from_urdf_and_tables_to_a_calibrated_urdf(tmp_path: Path) ->
     rig, recording, result = tmp_path / "a.toml", tmp_path / "a.mcap", tmp_path / "a.json"
     urdf, tip = DATA / "panda.urdf", ("--tip", "ball_link")
     sockets = ("--fixture", "hole_0", "--fixture", "hole_1")
-    run("rig", "from-urdf", urdf, *tip, *sockets, "-o", rig)
+    run("rig", "from-urdf", urdf, *tip, *sockets, "--gravity-compensated", "-o", rig)
+    assert 'standing = "gravity-compensated"' in rig.read_text("utf-8")
     with rig.open("a") as file:
         file.write('\n[[mechanism.distance]]\nbetween = ["hole_0", "hole_1"]\n')
         file.write("distance_mm = { nominal = 50, uncertainty = 0.05 }\n")
