@@ -186,10 +186,20 @@ def main() -> None:
         )
     }
     best = max(GRID, key=lambda choice: evidence[choice])
-    stiff = max((c for c in GRID if (c.compliance, c.bearing) == RIGID), key=lambda c: evidence[c])
+    likeliest: dict[tuple[float, float], Choice] = {}
+    for choice in sorted(GRID, key=lambda choice: evidence[choice]):
+        likeliest[choice.compliance, choice.bearing] = choice
+    stiff = likeliest[RIGID]
     print(f"chosen by the marginal likelihood of {TRAINED} out of {len(GRID)}: {best}")
-    print(f"log evidence above that of the best rigid arm: {evidence[best] - evidence[stiff]:.1f}")
     rigid = fit(TRAINED, stiff)
+    print(
+        "\nsprings about, across the axes [µrad/Nm]; log evidence above the best rigid arm; test [mm]"
+    )
+    for springs, choice in likeliest.items():
+        print(
+            f"{1e6 * springs[0]:12.0f}, {1e6 * springs[1]:3.0f}{evidence[choice] - evidence[stiff]:20.1f}"
+            f"{np.mean(others(fit(TRAINED, choice))):20.3f}"
+        )
     plain, robust = fit(TRAINED, best), fit(TRAINED, best, loss=Loss.HUBER)
     nominal = rig_of(best)
     x = np.array([p.nominal for p in parameters(nominal)])
@@ -206,6 +216,9 @@ def main() -> None:
     print(f"\n{'place':16}{'error [mm]':>12}{'socket distance [mm], known as 50.0':>40}")
     for place in PLACES:
         print(f"{place:16}{robust.error_mm(place):12.3f}{robust.apart_mm(place):40.3f}")
+    found = zip(plain.estimate.space.names, plain.estimate.values, strict=True)
+    springs_found = [1e6 * value for name, value in found if "compliance@" in name]
+    print(f"\nsprings found: {min(springs_found):.0f} to {max(springs_found):.0f} µrad/Nm")
     for arm, places in ARMS.items():
         intervals(arm, places, best)
     print(f"misfit of {TRAINED}: {plain.estimate.misfit:.2f}")

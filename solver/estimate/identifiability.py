@@ -63,9 +63,12 @@ def plausible_error(space: ParameterSpace) -> Array:
     out = []
     for i in space.identified:
         p = space.table[i]
-        natural = {"angle": 0.5, "length": 0.5 * size}.get(p.dimension, 0.5 * abs(p.nominal))
-        # A ratio, a rate or a compliance has no natural size, and may well be nominally zero.
-        out.append(natural or 10.0 * (p.uncertainty or 0.1))
+        natural = {"angle": 0.5, "length": 0.5 * size}.get(p.dimension)
+        if natural is None:
+            # A ratio, a rate or a compliance has no natural size, may well be nominally zero, and
+            # what is stated of it must leave it less uncertain than this.
+            natural = max(0.5 * abs(p.nominal), 10.0 * (p.uncertainty or 0.0)) or 1.0
+        out.append(natural)
     return np.array(out)
 
 

@@ -13,14 +13,16 @@ import pytest
 from loopcal.applying import channel_corrections, run_apply
 from loopcal.solving import run_solve
 from recordings.reader import Recording, read_recording
-from recordings.rig import DescribedEffect, Quantity, Rig, load_rig, parse_rig, rig_text
+from recordings.rig import DescribedEffect, Quantity, Rig, load_rig, parameters, parse_rig, rig_text
 from recordings.rig.edit import with_effect
 from sim_devices.simulate import simulate
 from solver.calibration import Calibration
 from solver.drives import held_joints
 from solver.effects.needs import needs
 from solver.errors import NotEnoughData
+from solver.estimate.identifiability import plausible_error, undetermined
 from solver.estimate.trust_region import Status
+from solver.mechanism.space import ParameterSpace
 from solver.motion import with_motion
 from solver.rig_check import check_rig
 from solver.samples import average
@@ -136,6 +138,20 @@ def test_a_bearing_is_measured_by_what_leans_on_it(folder: Path, standing: str) 
     # Nature's bearing hardens; the size is that of its best straight line.
     assert compliance == pytest.approx(np.deg2rad(0.02), rel=0.02, abs=4 * error)
     assert error < 0.1 * compliance
+
+
+def test_a_spring_that_is_as_uncertain_as_stiff_is_held_by_what_is_stated() -> None:
+    """Rigs state compliances so: a spring gives way, and never the other way."""
+    stated = Quantity(2e-5, "angular compliance", 2e-5, identify=True)
+    spring = DescribedEffect("joint-compliance", "joint5", {"compliance": stated})
+    space = ParameterSpace.of(parameters(grown(load_rig("arm"), spring)))
+    k = space.names.index("joint-compliance@joint5.compliance")
+    assert plausible_error(space)[k] == pytest.approx(2e-4)
+    known = np.diag(1e3 / plausible_error(space))
+    known[k] = 0.0
+    assert undetermined(space, known)[0].shape[1] == 1
+    known[k, k] = 1.0 / 2e-5
+    assert undetermined(space, known)[0].shape[1] == 0
 
 
 def test_what_a_recording_cannot_show_is_refused_in_words(folder: Path) -> None:
