@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 
 _RANK = 1e-8  # of the largest singular value
 _BALANCED = 1e-6  # of the largest generalised weight
+_NOTHING = 1e-10  # likewise: less is rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +80,12 @@ def compensated_loads(
             None,
             why=f"weight rests on joints without a sensor ({names}), which have no drive to compensate it",
         )
-    return Loads(torque, np.zeros((len(coordinates), 3)), weight.by_tilts)
+    # An upright joint carries nothing, and no rounding either: effects would take it for a load.
+    least = _NOTHING * float(np.abs(torque).max(initial=0.0))
+    torque, moment = (
+        np.where(np.abs(load) > least, load, 0.0) for load in (torque, weight.by_tilts)
+    )
+    return Loads(torque, np.zeros((len(coordinates), 3)), moment)
 
 
 def driven_loads(

@@ -317,3 +317,39 @@ def test_weight_on_a_joint_that_nobody_senses_cannot_be_compensated() -> None:
     found = loads(slack, u[None], nominal(slack), None)
     assert found.torque is None
     assert "joint2" in found.why
+
+
+def test_an_upright_joint_carries_nothing_at_all() -> None:
+    text = """
+schema = 1
+name = "upright"
+gravity_m_per_s2 = [0, 0, -9.81]
+[mechanism]
+family = "serial"
+standing = "gravity-compensated"
+closure = { constraint = "ball" }
+[[mechanism.joint]]
+name = "waist"
+alpha_deg = 90
+[[mechanism.joint]]
+name = "shoulder"
+a_m = 0.3
+mass_kg = 2
+com_m = [0.1, 0.02, 0.03]
+[[mechanism.fixture]]
+name = "socket"
+[[channel]]
+name = "q1"
+senses = "waist"
+gain_deg_per_count = 0.01
+[[channel]]
+name = "q2"
+senses = "shoulder"
+gain_deg_per_count = 0.01
+"""
+    rig = parse_rig(text)
+    u = np.random.default_rng(3).uniform(-1.0, 1.0, (30, 2))
+    found = loads(rig, u, nominal(rig), None)
+    assert found.torque is not None
+    assert not found.torque[:, 0].any()
+    assert np.abs(found.torque[:, 1]).min() > 0.0
