@@ -330,12 +330,22 @@ standing = "gravity-compensated"
 closure = { constraint = "ball" }
 [[mechanism.joint]]
 name = "waist"
-alpha_deg = 90
+convention = "urdf"
+z_m = 0.333
+rx_rad = 1e-16  # as a fit leaves what readings do not determine
 [[mechanism.joint]]
 name = "shoulder"
-a_m = 0.3
+convention = "urdf"
+rx_rad = -1.5707963267948966
 mass_kg = 2
 com_m = [0.1, 0.02, 0.03]
+[[mechanism.joint]]
+name = "turn"
+convention = "urdf"
+y_m = -0.316
+rx_rad = 1.5707963267948966
+mass_kg = 3
+com_m = [0.03, 0.04, -0.07]
 [[mechanism.fixture]]
 name = "socket"
 [[channel]]
@@ -346,9 +356,13 @@ gain_deg_per_count = 0.01
 name = "q2"
 senses = "shoulder"
 gain_deg_per_count = 0.01
+[[channel]]
+name = "q3"
+senses = "turn"
+gain_deg_per_count = 0.01
 """
     rig = parse_rig(text)
-    u = np.random.default_rng(3).uniform(-1.0, 1.0, (30, 2))
+    u = np.random.default_rng(3).uniform(-1.0, 1.0, (30, 3))
     found = loads(rig, u, nominal(rig), None)
     assert found.torque is not None
     assert not found.torque[:, 0].any()
