@@ -310,9 +310,8 @@ def advice(gap: Gap, *, page: bool = False) -> tuple[str, ...]:
             "that is wired to another joint. You can add effects of your own (docs/howto-own-effect.md)."
         )
     elif gap.verdict is Verdict.NOTHING:
-        out.append(
-            "Nothing needs to be done. Effects below the detection limits may still be at work."
-        )
+        need = "" if out else "Nothing needs to be done. "
+        out.append(f"{need}Effects below the detection limits may still be at work.")
     if gap.held_out is None:
         out.append(
             "Record more poses: with ten or more distinct ones the gap is tested on poses that are held out."
