@@ -23,6 +23,7 @@ from daq.errors import (
 from daq.mobility import Mobility
 from daq.options import CaptureOptions
 from daq.progress import ChannelProgress, Phase, Progress
+from daq.stop import Stop
 from daq.summary import CaptureSummary, Ending
 
 __all__ = [
@@ -46,6 +47,7 @@ __all__ = [
     "PlanNotPossible",
     "Progress",
     "SessionFailed",
+    "Stop",
     "StopRequested",
     "capture",
 ]

@@ -9,7 +9,6 @@ completed and closed. All threads have ended when `capture` returns or raises.
 from __future__ import annotations
 
 import socket
-import threading
 import uuid
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -25,7 +24,7 @@ from daq.options import CaptureOptions
 from daq.preflight import arm_drives, check_drives, check_path, check_plan, open_all
 from daq.progress import Progress
 from daq.session import RunningSession
-from daq.signals import signals_set
+from daq.stop import Stop, signals_set
 from daq.summary import CaptureSummary
 from drivers import Link, make_links
 from recordings.rig import Plan, Rig, visits
@@ -52,7 +51,7 @@ def capture(
     arm_virtual: bool = False,
     mobility: Mobility | None = None,
     on_progress: Callable[[Progress], None] = _ignore,
-    stop: threading.Event | None = None,
+    stop: Stop | None = None,
     operator: str = "",
     notes: str = "",
     plan_override: Plan | None = None,
@@ -107,7 +106,7 @@ def capture(
     interlocks = Interlocks(rig, mobility or counted(rig))
     check_plan(rig, plan, stops, interlocks)
     clock = clock or HostClock()
-    stop = stop or threading.Event()
+    stop = stop or Stop()
     links = make_links(rig, clock) if links is None else links
     with ExitStack() as closing:
         for link in links:

@@ -6,12 +6,23 @@ goes through the clock too, so that a test can let hours pass without sleeping.
 
 from __future__ import annotations
 
-import threading
 import time
 from typing import Protocol
 
 SECOND = 1_000_000_000
 """Nanoseconds in a second."""
+
+
+LOOK_S = 0.02
+"""Longest time between two looks at a flag that is waited for [s]."""
+
+
+class Flag(Protocol):
+    """What can be waited for: `daq.Stop`, or an event of `threading`."""
+
+    def is_set(self) -> bool:
+        """Whether it has been set."""
+        ...
 
 
 class Clock(Protocol):
@@ -21,8 +32,8 @@ class Clock(Protocol):
         """Nanoseconds since the Unix epoch; never decreases."""
         ...
 
-    def wait(self, event: threading.Event, timeout_s: float) -> bool:
-        """Wait until ``event`` is set or ``timeout_s`` has passed; say whether it is set."""
+    def wait(self, flag: Flag, timeout_s: float) -> bool:
+        """Wait until ``flag`` is set or ``timeout_s`` has passed; say whether it is set."""
         ...
 
 
@@ -40,9 +51,12 @@ class HostClock:
         """Nanoseconds since the Unix epoch, by the monotonic clock."""
         return self._anchor_ns + _monotonic_ns()
 
-    def wait(self, event: threading.Event, timeout_s: float) -> bool:
-        """Wait until ``event`` is set or ``timeout_s`` has passed; say whether it is set."""
-        return event.wait(timeout_s)
+    def wait(self, flag: Flag, timeout_s: float) -> bool:
+        """Wait until ``flag`` is set, seen within `LOOK_S`, or ``timeout_s`` has passed; say whether it is set."""
+        end_s = time.monotonic() + timeout_s
+        while not flag.is_set() and (left_s := end_s - time.monotonic()) > 0:
+            time.sleep(min(left_s, LOOK_S))
+        return flag.is_set()
 
 
 def _monotonic_ns() -> int:
@@ -65,8 +79,8 @@ class ManualClock:
         """Let ``seconds`` pass."""
         self._now_ns += round(seconds * SECOND)
 
-    def wait(self, event: threading.Event, timeout_s: float) -> bool:
-        """Let ``timeout_s`` pass at once, unless ``event`` is set already."""
-        if not event.is_set():
+    def wait(self, flag: Flag, timeout_s: float) -> bool:
+        """Let ``timeout_s`` pass at once, unless ``flag`` is set already."""
+        if not flag.is_set():
             self.advance(timeout_s)
-        return event.is_set()
+        return flag.is_set()

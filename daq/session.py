@@ -6,7 +6,6 @@ whatever ends it, the drives go to safe mode before anything else is closed.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -27,6 +26,7 @@ from daq.progress import Progress
 from daq.recorder import Recorder
 from daq.scale import scale_of
 from daq.states import SessionStates, Step
+from daq.stop import Stop
 from daq.summary import CaptureSummary, Ending
 from daq.supervision import TICK_S, Supervision
 from drivers import DriverError, JointDrive, Link
@@ -52,7 +52,7 @@ class RunningSession:
         interlocks: Interlocks,
         arming: Arming | None,
         clock: Clock,
-        stop: threading.Event,
+        stop: Stop,
         options: CaptureOptions,
     ) -> None:
         self._rig = rig

@@ -7,7 +7,6 @@ moves or waits does so by ticking, so nothing can outrun a stop by more than `TI
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Mapping, Sequence
 
 from daq.clock import SECOND, Clock
@@ -20,6 +19,7 @@ from daq.progress import ChannelProgress, Phase, Progress
 from daq.recorder import Recorder
 from daq.standstill import Window, moving, restless
 from daq.states import SessionStates, Step
+from daq.stop import Stop
 from recordings.events import Dwell, Event, Fault, Mode
 from recordings.rig import Plan, Rig
 
@@ -59,7 +59,7 @@ class Supervision:
         plan: Plan,
         stops: int,
         clock: Clock,
-        stop: threading.Event,
+        stop: Stop,
         live: LiveState,
         queue: EventQueue,
         links: Sequence[LinkThread],

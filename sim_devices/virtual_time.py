@@ -11,14 +11,22 @@ waits there waits for another thread.
 from __future__ import annotations
 
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from typing import Protocol
 from unittest.mock import patch
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND
+
+
+class Flag(Protocol):
+    """What a session waits for."""
+
+    def is_set(self) -> bool:
+        """Whether it has been set."""
+        ...
 
 
 class VirtualClock:
@@ -63,11 +71,11 @@ class VirtualClock:
                     call(self.time_s)
         self._elapsed_ns = until_ns
 
-    def wait(self, event: threading.Event, timeout_s: float) -> bool:
-        """Let ``timeout_s`` pass at once, unless ``event`` is set already; say whether it is."""
-        if not event.is_set():
+    def wait(self, flag: Flag, timeout_s: float) -> bool:
+        """Let ``timeout_s`` pass at once, unless ``flag`` is set already; say whether it is."""
+        if not flag.is_set():
             self.advance(timeout_s)
-        return event.is_set()
+        return flag.is_set()
 
     @contextmanager
     def calling(self, period_s: float, call: Callable[[float], None]) -> Iterator[None]:

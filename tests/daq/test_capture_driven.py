@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import threading
 from itertools import pairwise
 
 import pytest
@@ -17,6 +16,7 @@ from daq import (
     NotReady,
     Phase,
     PlanNotPossible,
+    Stop,
     StopRequested,
     capture,
 )
@@ -196,7 +196,7 @@ def stop_while(phase, stop, act=None):
 
 
 def test_a_stop_in_the_middle_of_a_dwell_ends_safely(arm, tmp_path):
-    stop = threading.Event()
+    stop = Stop()
     on_progress = stop_while(Phase.DWELLING, stop)
     summary = run(arm, tmp_path / "arm.mcap", stop=stop, on_progress=on_progress)
     assert summary.ending is Ending.STOPPED
@@ -208,7 +208,7 @@ def test_a_stop_in_the_middle_of_a_dwell_ends_safely(arm, tmp_path):
 
 
 def test_ctrl_c_in_the_middle_of_a_dwell_ends_safely(arm, tmp_path):
-    stop = threading.Event()
+    stop = Stop()
     before = signal.getsignal(signal.SIGINT)
     on_progress = stop_while(Phase.DWELLING, stop, lambda: os.kill(os.getpid(), signal.SIGINT))
     summary = run(arm, tmp_path / "arm.mcap", stop=stop, on_progress=on_progress)
@@ -219,7 +219,7 @@ def test_ctrl_c_in_the_middle_of_a_dwell_ends_safely(arm, tmp_path):
 
 
 def test_a_stop_before_the_recording_began_writes_nothing(arm, tmp_path):
-    stop = threading.Event()
+    stop = Stop()
     stop.set()
     with pytest.raises(StopRequested):
         run(arm, tmp_path / "arm.mcap", stop=stop)

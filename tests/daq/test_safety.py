@@ -14,6 +14,7 @@ from daq import (
     Ending,
     Phase,
     PlanNotPossible,
+    Stop,
     capture,
 )
 from daq.mobility import Mobility
@@ -215,7 +216,7 @@ def test_a_drive_that_never_returns_stops_neither_the_others_nor_the_session(
     joint = arm.rig.plan.drives[0]
     drive = arm.link("arm-can").joints[joint]
     monkeypatch.setattr(drive, "move_to", move_to)
-    stop = threading.Event()
+    stop = Stop()
     summary = run(
         arm,
         tmp_path / "arm.mcap",

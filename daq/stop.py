@@ -1,4 +1,8 @@
-"""Signals that end a session: they ask it to stop, and never tear it away from what it does."""
+"""Stopping a session: a flag that a signal handler may set, and the signals that set it.
+
+Signals ask a session to stop, and never tear it away from what it does. An event of `threading` will
+not do: its lock may be held by the very code that the handler interrupts, which then waits for itself.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +13,23 @@ from contextlib import contextmanager
 from types import FrameType
 
 
+class Stop:
+    """Set once, by anybody at any moment; there is nothing to wait for but the next look at it."""
+
+    def __init__(self) -> None:
+        self._asked = False
+
+    def set(self) -> None:
+        """Ask for the stop; takes no lock."""
+        self._asked = True
+
+    def is_set(self) -> bool:
+        """Whether somebody has asked."""
+        return self._asked
+
+
 @contextmanager
-def signals_set(stop: threading.Event) -> Iterator[None]:
+def signals_set(stop: Stop) -> Iterator[None]:
     """Let signals set ``stop``: an exception in the middle of a command would be unsafe."""
     if threading.current_thread() is not threading.main_thread():
         yield
