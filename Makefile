@@ -10,7 +10,7 @@ demo: $(VENV)/.run-ready  ## both mechanisms: virtual devices, capture, solve, r
 	$(BIN)/loopcal demo
 
 test: $(VENV)/.dev-ready  ## the tests
-	$(BIN)/pytest -n auto --dist loadfile
+	$(BIN)/pytest -n auto --dist loadfile --max-worker-restart 1
 
 check: lint types contracts test  ## what CI runs
 

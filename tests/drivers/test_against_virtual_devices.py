@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import threading
 import time
@@ -15,6 +14,7 @@ import pytest
 from drivers import DeviceRefused, JointDrive, Link, make_links
 from recordings.events import Event, Fault, Mode, Reading
 from recordings.rig import load_rig
+from tests.child_process import child_process
 from tests.drivers.contract import BUSY
 from tests.drivers.patience import PATIENCE_S
 
@@ -48,13 +48,10 @@ def ports(tmp_path_factory) -> Iterator[dict[str, str]]:
     folder = tmp_path_factory.mktemp("arm")
     paths = {port.name: str(folder / port.name) for port in load_rig("arm").ports}
     command = [sys.executable, "-c", BENCH, json.dumps(paths)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            assert process.stdout.readline() == "ready\n"
-            yield paths
-        finally:
-            process.terminate()
+    with child_process(command) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        yield paths
 
 
 @pytest.fixture(autouse=True)

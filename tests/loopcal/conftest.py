@@ -25,12 +25,12 @@ def loopcal() -> Callable[..., Result]:
     return run
 
 
-_ATTEMPTS = 3
+_ATTEMPTS = 8
 
 
 @pytest.fixture
 def until_complete(tmp_path: Path) -> Callable[[Callable[[Path], CaptureSummary]], CaptureSummary]:
-    """Run a driven session, given a file to write, until it is complete, three times at most.
+    """Run a driven session, given a file to write, until it is complete, eight times at most.
 
     A computer that stands still for a second ends such a session, as it should: the drives were
     not supervised. That is tested elsewhere.

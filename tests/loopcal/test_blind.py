@@ -30,6 +30,7 @@ from sim_devices.simulate import simulate
 from solver.gap.analysis import first_fit
 from solver.samples import average
 from solver.solve import solve
+from tests.child_process import child_process
 
 
 def case_of(kind: str, *names: str, strength: float = 225.0, mechanism: str = "shoulder") -> Case:
@@ -289,7 +290,6 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.timeout(180)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_a_run_that_is_ended_by_a_signal_ends_its_processes(
     tmp_path: Path, number: signal.Signals
@@ -297,9 +297,7 @@ def test_a_run_that_is_ended_by_a_signal_ends_its_processes(
     script, folder = tmp_path / "ended.py", tmp_path / "blind"
     script.write_text(ENDED, "utf-8")
     command = [sys.executable, str(script), str(folder)]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-    ) as benchmark:
+    with child_process(command, stderr=subprocess.DEVNULL) as benchmark:
         assert benchmark.stdout is not None
         told: list[str] = []
         while not (sum("at work" in line for line in told) == 2 and "1 25\n" in told):

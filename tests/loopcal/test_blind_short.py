@@ -10,7 +10,7 @@ import pytest
 from typer.testing import Result
 
 
-@pytest.mark.timeout(1200)  # a minute and a half on two idle cores
+@pytest.mark.timeout(800)  # a minute and a half on two idle cores
 def test_the_short_benchmark_reaches_its_limits(
     loopcal: Callable[..., Result], tmp_path: Path
 ) -> None:

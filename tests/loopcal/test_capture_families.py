@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -19,6 +18,7 @@ from recordings.rig import Rig, parse_rig, rig_text
 from sim_devices.plant.creation import make_nature
 from sim_devices.plant.live import make_plant
 from sim_devices.running import running
+from tests.child_process import child_process
 
 pytestmark = pytest.mark.wires
 
@@ -209,15 +209,10 @@ def loopcal_sim(rig: Path, ports: Mapping[str, str]) -> Iterator[None]:
     """``loopcal sim`` in a process of its own, until its ports can be opened."""
     command = [sys.executable, "-m", "loopcal", "sim", str(rig)]
     command += [f"--port={name}={path}" for name, path in ports.items()]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            for line in process.stdout:
-                if line.startswith("ready"):
-                    break
-            yield
-        finally:
-            process.terminate()
+    with child_process(command) as process:
+        assert process.stdout is not None
+        assert any(line.startswith("ready") for line in process.stdout)
+        yield
 
 
 def test_the_arm_driven_by_dbc_beside_canopen_encoders(tmp_path, wires, until_complete):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -18,6 +17,7 @@ from recordings.reader import read_recording
 from recordings.rig import Rig, load_rig, rig_text, visits
 from recordings.timing import DeviceTiming
 from sim_devices.crystal import crystal_of
+from tests.child_process import child_process
 
 BENCH = """
 import json, sys
@@ -39,16 +39,12 @@ with stop_on_signals() as stop:
 
 
 @contextmanager
-def running(rig: str, ports: Mapping[str, str]) -> Iterator[subprocess.Popen[str]]:
+def bench(rig: str, ports: Mapping[str, str]) -> Iterator[None]:
     """Virtual devices of a bundled rig on ``ports``."""
-    command = [sys.executable, "-c", BENCH, rig, json.dumps(ports)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            assert process.stdout.readline() == "ready\n"
-            yield process
-        finally:
-            process.terminate()
+    with child_process([sys.executable, "-c", BENCH, rig, json.dumps(ports)]) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        yield
 
 
 def shortened(rig: Rig) -> Rig:
@@ -82,7 +78,7 @@ def test_a_shortened_plan_is_captured_without_an_unexplained_loss(name, tmp_path
     ports, clock = ports_in(rig, tmp_path), HostClock()
 
     def session(path: Path) -> CaptureSummary:
-        with running(name, ports):
+        with bench(name, ports):
             links = make_links(rig, clock, ports)
             return capture(rig, rig_text(name)[0], path, links=links, clock=clock)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +11,7 @@ import pytest
 from typer.testing import Result
 
 from recordings.rig import rig_text
+from tests.child_process import child_process
 
 SHORTER = (
     ("poses = 60", "poses = 14"),
@@ -34,16 +34,13 @@ def test_what_virtual_devices_hide_is_named(loopcal: Callable[..., Result], tmp_
     ports = [f"--port={name}={tmp_path / name}" for name in ("arm-can", "arm-wrist")]
     hidden = ["--hide=nonlinearity@q6=2%", f"--truth={truth}", "--seed=3"]
     command = [sys.executable, "-m", "loopcal", "sim", str(rig), *ports, *hidden]
-    for attempt in range(3):  # a computer that stands still for a second ends the session
+    for attempt in range(8):  # a computer that stands still for a second ends the session
         recording = tmp_path / f"run-{attempt}.mcap"
         truth.unlink(missing_ok=True)
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as bench:
-            try:
-                assert bench.stdout is not None
-                assert any(line.startswith("ready") for line in bench.stdout)
-                outcome = loopcal("capture", rig, "-o", recording, *ports)
-            finally:
-                bench.terminate()
+        with child_process(command) as bench:
+            assert bench.stdout is not None
+            assert any(line.startswith("ready") for line in bench.stdout)
+            outcome = loopcal("capture", rig, "-o", recording, *ports)
         if outcome.exit_code == 0:
             break
     assert outcome.exit_code == 0, outcome.stderr

@@ -25,6 +25,7 @@ from loopcal.loop_mobility import mobility_of
 from recordings.events import Mode, SessionState
 from recordings.reader import read_recording
 from recordings.rig import parse_rig, rig_text
+from tests.child_process import child_process
 
 pytestmark = pytest.mark.wires
 
@@ -37,7 +38,7 @@ WATCHDOG_S = 1.0  # heartbeat_timeout_s of the bundled arm's drives
 BUSY_S = 8.0  # what a busy computer may add
 HEARTBEAT_LOST = 0x8130
 NOT_SUPERVISED = ("held up", "0x8130", "FAULT")  # whatever is noticed first
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 
 BENCH = """
 import json, sys, threading
@@ -94,15 +95,13 @@ print(summary.why, flush=True)
 class Bench:
     """Virtual devices of the arm in a process of their own, and what their drives do."""
 
-    def __init__(self, ports: dict[str, str]) -> None:
+    def __init__(self, ports: dict[str, str], process: subprocess.Popen[str]) -> None:
         self.ports = ports
-        command = [sys.executable, "-c", BENCH, json.dumps(ports)]
-        pipe = subprocess.PIPE
-        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
+        self._process = process
         self._modes = dict.fromkeys(JOINTS, "off")
         self._changed = threading.Condition()
         self._ready = False
-        self._reader = threading.Thread(target=self._read)
+        self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
         self.wait_until(lambda modes: self._ready)
 
@@ -134,10 +133,7 @@ class Bench:
 
     def close(self) -> None:
         self._process.terminate()
-        self._reader.join()
-        self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            pipe.close()
+        self._reader.join(PATIENCE_S)
 
 
 def off(modes) -> bool:
@@ -147,10 +143,11 @@ def off(modes) -> bool:
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     folder = tmp_path_factory.mktemp("ports")
-    bench = Bench({port.name: str(folder / port.name) for port in RIG.ports})
-    try:
+    ports = {port.name: str(folder / port.name) for port in RIG.ports}
+    command = [sys.executable, "-c", BENCH, json.dumps(ports)]
+    with child_process(command, stdin=subprocess.PIPE) as process:
+        bench = Bench(ports, process)
         yield bench
-    finally:
         bench.close()
 
 
@@ -165,18 +162,16 @@ def capturing(bench: Bench, folder: Path) -> Iterator[tuple[subprocess.Popen[str
 
     A computer that stands still for a second ends a session before its time: then another is begun.
     """
-    for attempt in range(3):
+    for attempt in range(8):
         path = folder / f"arm-{attempt}.mcap"
         command = [sys.executable, "-c", CAPTURE, json.dumps(bench.ports), str(path)]
         pipe = subprocess.PIPE
-        with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
-            try:
-                if _moves(process):
-                    yield process, path
-                    return
-            finally:
-                if process.poll() is None:
-                    process.kill()
+        with child_process(command, stdin=pipe) as process:
+            if _moves(process):
+                yield process, path
+                process.kill()
+                return
+            process.kill()
         bench.wait_until(off)
     pytest.fail("no session came so far that the arm moved")
 

@@ -16,29 +16,25 @@ import pytest
 from typer.testing import CliRunner
 
 from loopcal.cli import app
+from tests.child_process import child_process
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 
 
 @contextmanager
 def sim(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
     """The virtual shoulder, ready; ended by Ctrl-C, of which it takes leave in order."""
     command = [sys.executable, "-m", "loopcal", "sim", "shoulder", *options]
-    with subprocess.Popen(
-        [*command, f"--port=shoulder-adc={folder / 'adc'}"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
+    pipe = subprocess.PIPE
+    with child_process(
+        [*command, f"--port=shoulder-adc={folder / 'adc'}"], stdin=pipe, stderr=pipe
     ) as process:
-        try:
-            assert process.stdout is not None
-            while not (line := process.stdout.readline()).startswith("ready"):
-                assert line, process.stderr and process.stderr.read()
-            yield process
-        finally:
-            process.send_signal(signal.SIGINT)
-            process.wait(PATIENCE_S)
+        assert process.stdout is not None
+        while not (line := process.stdout.readline()).startswith("ready"):
+            assert line, process.stderr and process.stderr.read()
+        yield process
+        process.send_signal(signal.SIGINT)
+        process.wait(PATIENCE_S)
     assert process.returncode == 0
     assert not os.path.lexists(folder / "adc")
 

@@ -20,6 +20,7 @@ from sim_devices.bench import Bench, build_ports, run_bench, stop_on_signals
 from sim_devices.errors import PortTaken, PortUnavailable
 from sim_devices.faults.wiring import Wiring
 from sim_devices.modbus import crc16
+from tests.child_process import child_process
 
 PATIENCE_S = 60.0
 
@@ -129,15 +130,15 @@ def test_signals_end_a_bench_process_cleanly(tmp_path: Path, number: signal.Sign
                       ports={"shoulder-adc": sys.argv[1]}, ready=lambda _: print("up", flush=True))
     """)
     path = tmp_path / "adc"
-    with subprocess.Popen(
-        [sys.executable, "-c", script, str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    with child_process(
+        [sys.executable, "-c", script, str(path)], stderr=subprocess.PIPE
     ) as process:
         assert process.stdout is not None
-        assert process.stdout.readline() == b"up\n"
+        assert process.stdout.readline() == "up\n"
         assert path.is_char_device()
         process.send_signal(number)
         _, errors = process.communicate(timeout=PATIENCE_S)
-    assert (process.returncode, errors) == (0, b"")
+    assert (process.returncode, errors) == (0, "")
     assert not path.is_symlink()
 
 
