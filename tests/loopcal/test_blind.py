@@ -272,21 +272,25 @@ def test_a_run_that_was_ended_goes_on_where_it_was(tmp_path: Path) -> None:
 
 
 ENDED = """
-import sys, threading
+import os, sys, threading
 from pathlib import Path
 from loopcal.blind.grid import cases
 from loopcal.blind.run import run
 
+def say(line):
+    # In one piece: `print` may write the end of a line by itself, and others write here too.
+    os.write(sys.stdout.fileno(), f"{line}\\n".encode())
+
 def play(scratch, case):
     if case.key.endswith("/null/clean/0/0"):
         return {"key": case.key, "left_out": "too weak"}, None
-    print(f"at work in {scratch}", flush=True)
+    say(f"at work in {scratch}")
     threading.Event().wait()
 
 if __name__ == "__main__":
     nulls = cases(3, runs=1, mechanisms=("shoulder",), only="null")
     nulls = sorted(nulls, key=lambda case: case.key != "shoulder/null/clean/0/0")
-    run(nulls, Path(sys.argv[1]), jobs=2, play=play, progress=lambda done, of: print(done, of, flush=True))
+    run(nulls, Path(sys.argv[1]), jobs=2, play=play, progress=lambda done, of: say(f"{done} {of}"))
 """
 
 
