@@ -9,8 +9,10 @@ BIN := $(VENV)/bin
 demo: $(VENV)/.run-ready  ## both mechanisms: virtual devices, capture, solve, report
 	$(BIN)/loopcal demo
 
+# Every core has a test of its own, so that more threads only wait for each other; and the many processes
+# that tests start need not compile the project anew.
 test: $(VENV)/.dev-ready  ## the tests
-	$(BIN)/pytest -n auto --dist loadfile --max-worker-restart 1
+	OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n auto --dist loadfile --max-worker-restart 1
 
 check: lint types contracts test  ## what CI runs
 

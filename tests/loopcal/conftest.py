@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,14 +27,35 @@ def loopcal() -> Callable[..., Result]:
 
 
 _ATTEMPTS = 8
+_HELD_UP_S = 30.0
+
+
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], str]:
+    """The text of a rig whose drives and session go on when the computer stands still for a while.
+
+    For tests that are not about supervision, which ends a session after a second.
+    """
+    monkeypatch.setattr("daq.guard.LONGEST_LAPSE_S", _HELD_UP_S)
+    monkeypatch.setattr("daq.guard.VOUCHED_S", _HELD_UP_S)
+    drive = re.compile(r'(driver = "canopen-joint"\n(?:\w.*\n)*?options = \{ )')
+
+    def changed(text: str) -> str:
+        text, drives = drive.subn(rf"\g<1>heartbeat_timeout_s = {_HELD_UP_S:g}, ", text)
+        if drives:
+            assert "[interlocks]" not in text
+            text = text.replace("[plan]", f"[interlocks]\nsilence_s = {_HELD_UP_S:g}\n\n[plan]", 1)
+        return text
+
+    return changed
 
 
 @pytest.fixture
 def until_complete(tmp_path: Path) -> Callable[[Callable[[Path], CaptureSummary]], CaptureSummary]:
     """Run a driven session, given a file to write, until it is complete, eight times at most.
 
-    A computer that stands still for a second ends such a session, as it should: the drives were
-    not supervised. That is tested elsewhere.
+    A computer that stands still may end such a session, as it should: the drives were not
+    supervised. That is tested elsewhere.
     """
 
     def run(session: Callable[[Path], CaptureSummary]) -> CaptureSummary:

@@ -199,7 +199,7 @@ def arm_with_drives(driver: Callable[[int], tuple[str, str]]) -> str:
     # A busy computer answers late; this is about devices, not about its speed.
     text = text.replace("time_register = 3 }", "time_register = 3, timeout_s = 0.5 }")
     text = text.replace("sample_hz = 100", "sample_hz = 50")
-    text = text.replace("[plan]", "[interlocks]\nsilence_s = 3.0\n\n[plan]")
+    text = text.replace("[plan]", "[interlocks]\nsilence_s = 30\n\n[plan]")
     text = text.replace("poses = 60", "poses = 3")
     return text.replace("poses = 10, visits = 3", "poses = 1, visits = 2")
 
@@ -215,7 +215,7 @@ def loopcal_sim(rig: Path, ports: Mapping[str, str]) -> Iterator[None]:
         yield
 
 
-def test_the_arm_driven_by_dbc_beside_canopen_encoders(tmp_path, wires, until_complete):
+def test_the_arm_driven_by_dbc_beside_canopen_encoders(tmp_path, wires, patient, until_complete):
     more = 'actual_position = "Actual"\ncycle_ms = 300'
     text = arm_with_drives(lambda n: ("dbc-joint", DRIVE_OPTIONS.format(n=n, more=more)))
     rig, text = written(tmp_path, text)
