@@ -9,6 +9,7 @@ and that has no clock: so small a counter goes back at every wrap.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from drivers.counters import WrappingCounter
@@ -108,6 +109,28 @@ class Arrivals:
         sequence = None if self._counter is None else (self._counter.value or 0) % (1 << 32)
         device_ns = None if self._clock is None else (self._clock.value or 0) * self._tick_ns
         return Arrival(sequence, device_ns, step, restarted)
+
+    def take_on(
+        self, counters: Sequence[int], ticks: Sequence[int] | None
+    ) -> tuple[list[int], list[int] | None] | None:
+        """More samples at the moment of the last one, if each is the next: sequences and device times.
+
+        None, and nothing is taken, where a counter does not go on by one each time, a clock goes
+        back, or there is no counter to tell.
+        """
+        if self._counter is None or self._counter.value is None or self._modulus < 4:
+            return None
+        value, count, modulus = self._counter.value, len(counters), self._modulus
+        if counters != [each % modulus for each in range(value + 1, value + count + 1)]:
+            return None
+        times = None
+        if self._clock is not None:
+            readings = None if ticks is None else self._clock.go_on(ticks)
+            if readings is None:
+                return None
+            times = [each * self._tick_ns for each in readings]
+        self._counter.value = value + count
+        return [each % (1 << 32) for each in range(value + 1, value + count + 1)], times
 
     def _step(self, counter: int | None, since_ns: int) -> int | None:
         if self._counter is None or counter is None:

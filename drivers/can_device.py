@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import queue
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from drivers.can_bus import EXTENDED, Frame
 from drivers.identity import Identity
@@ -20,7 +20,7 @@ from drivers.tally import Tally
 from recordings.events import Event
 from recordings.faults import FaultKind
 
-__all__ = ["EXTENDED", "CanDevice", "CanService", "CanWire", "Identity"]
+__all__ = ["EXTENDED", "CanDevice", "CanService", "CanWire", "Identity", "TakesBlocks"]
 
 
 class CanWire(Protocol):
@@ -80,6 +80,19 @@ class CanParticipant(Protocol):
 
     def due_ns(self) -> int | None:
         """When `serve` must be called next, None where it need not be."""
+        ...
+
+
+@runtime_checkable
+class TakesBlocks(Protocol):
+    """Who can take many frames of one identifier faster than one by one, in any order with others."""
+
+    def receive_on(self, frames: Sequence[Frame]) -> Sequence[Event] | None:
+        """Take frames of one identifier that came at the moment of the one before, given to `receive`.
+
+        None, and nothing is taken, where they must be given to `receive` one by one. Nothing else
+        comes of it than would of that.
+        """
         ...
 
 

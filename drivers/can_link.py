@@ -22,7 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 from drivers.babble import Babble, BabbleWatch
 from drivers.can_bus import Bus, CanBus, Frame, connect
-from drivers.can_device import CanDevice, CanParticipant, CanService
+from drivers.can_device import CanDevice, CanParticipant, CanService, TakesBlocks
 from drivers.errors import DriverError, LinkBroken, Malformed, OptionError
 from drivers.identity import status_of
 from drivers.link import Clock, DeviceStatus, JointDrive, Losses
@@ -35,6 +35,9 @@ from recordings.rig import CanPort
 
 MOST_FRAMES = 256
 """Most frames taken in one turn, so that what is due gets sent on a flooded bus."""
+
+FEW_FRAMES = 16
+"""Fewer than these are not worth sorting."""
 
 LAST_ANSWERS_S = 0.1
 
@@ -73,6 +76,11 @@ class CanLink(PortLink):
         for participant in self._participants:
             for identifier in participant.identifiers:
                 self._takers.setdefault(identifier, []).append(participant)
+        self._blocks = {
+            identifier: takers[0]
+            for identifier, takers in self._takers.items()
+            if len(takers) == 1 and isinstance(takers[0], TakesBlocks)
+        }
         self._sending = threading.Lock()
         self._schedule: Schedule | None = None
         self._started = False
@@ -220,8 +228,7 @@ class CanLink(PortLink):
                 self._report_counts()
                 if not frames:
                     break
-                for frame in frames:
-                    self._take(frame)
+                self._take_all(frames)
                 taken += len(frames)
                 wait_s = 0.0
         except LinkBroken as error:
@@ -258,6 +265,28 @@ class CanLink(PortLink):
         if due:
             wait_s = min(wait_s, (min(due) - self._clock.now_ns()) / SECOND)
         return max(wait_s, 0.0)
+
+    def _take_all(self, frames: Sequence[Frame]) -> None:
+        """Take frames in their order, but those that are taken in blocks together, at the end."""
+        if len(frames) < FEW_FRAMES:
+            for frame in frames:
+                self._take(frame)
+            return
+        blocks: dict[int, list[Frame]] = {}
+        for frame in frames:
+            if frame.identifier in self._blocks:
+                blocks.setdefault(frame.identifier, []).append(frame)
+            else:
+                self._take(frame)
+        for identifier, (first, *others) in blocks.items():
+            self._take(first)
+            same_moment = others and others[-1].time_ns == first.time_ns
+            events = self._blocks[identifier].receive_on(others) if same_moment else None
+            if events is not None:
+                self._pending.extend(events)
+                continue
+            for frame in others:
+                self._take(frame)
 
     def _take(self, frame: Frame) -> None:
         takers = self._takers.get(frame.identifier)

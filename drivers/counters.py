@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 
 class WrappingCounter:
     """Continues a counter modulo 2**bits.
@@ -29,6 +31,20 @@ class WrappingCounter:
         step = expected + surplus
         self.value += step
         return step
+
+    def go_on(self, raws: Sequence[int]) -> list[int] | None:
+        """Take raw counts of one moment: the continued ones. None, and none is taken, if it goes back."""
+        if self.value is None:
+            return None
+        half, value, values = self._modulus // 2, self.value, []
+        for raw in raws:
+            step = (raw - value + half) % self._modulus - half
+            if step < 0:
+                return None
+            value += step
+            values.append(value)
+        self.value = value
+        return values
 
     def restart(self) -> None:
         """Forget the count: the device has started anew."""

@@ -97,6 +97,19 @@ class StreamTally:
         self._last_ns = time_ns
         self._away = self._fresh = False
 
+    @property
+    def steady(self) -> bool:
+        """Whether readings have come for a while, and nothing is in doubt: `receive_on` may be used."""
+        known = self._period_ns is not None or self._mean_ns > 0.0
+        return known and not self._doubtful and self._pauses >= MEMORY
+
+    def receive_on(self, count: int) -> None:
+        """What `receive` does ``count`` times at the moment of the last reading, with steps of 1."""
+        self._received += count
+        self._room = max(min(self._room, ROOM) - count, 0.0)
+        self._anew = False
+        self._mean_ns *= (1.0 - 1.0 / MEMORY) ** count
+
     def end(self, now_ns: int) -> None:
         """No readings are expected any more; what is missing by now stays missing."""
         self._charge(self._overdue(now_ns))

@@ -22,7 +22,8 @@ Options, all optional:
 from __future__ import annotations
 
 import queue
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import repeat
 from typing import ClassVar
 
 from pydantic import Field, model_validator
@@ -32,9 +33,10 @@ from drivers.can_bus import Frame
 from drivers.can_device import CanWire, Identity
 from drivers.can_link import CanLink
 from drivers.dbc.database import DbcFile, DbcMessage, DbcSignal
+from drivers.dbc.layout import Block
 from drivers.dbc.message_watch import MessageWatch, doubled_fault
 from drivers.driver import DeviceSpec, Driver
-from drivers.errors import DeviceSilent, OptionError
+from drivers.errors import DeviceSilent, Malformed, OptionError
 from drivers.link import JointDrive, Losses
 from drivers.schedule import SECOND
 from drivers.stream_tally import StreamTally
@@ -47,6 +49,7 @@ from recordings.rig.quantity import Described, fail
 CYCLES_OF_SILENCE = 5
 SHORTEST_SILENCE_NS = SECOND // 10
 UNKNOWN_SILENCE_NS = SECOND // 2
+_BAD = ReadingFlag.DEVICE_ERROR
 
 
 class DbcEncoderOptions(Described):
@@ -88,6 +91,7 @@ class MessageTrack:
         self._invalid = options.invalid
         counter = _optional(message, options.counter)
         clock = _optional(message, options.clock)
+        self._counter, self._clock = counter, clock
         self._count = None if counter is None else counter.reader
         self._ticks = None if clock is None else clock.reader
         period_ns = message.period_ns if options.cycle_ms is None else options.cycle_ms * 1_000_000
@@ -135,6 +139,44 @@ class MessageTrack:
             tally.receive(time_ns, None if signal.multiplexed else step)
             readings.append(Reading(name, time_ns, raw, device_time_ns, sequence, own))
         return readings, restarted
+
+    def readings_on(self, frames: Sequence[Frame]) -> list[Reading] | None:
+        """The readings in more frames of the moment of the last one, if they go on from it regularly.
+
+        None, and nothing is taken, where a counter jumps, a frame is short, a signal comes and
+        goes, or anything is in doubt: then `readings` has to judge frame by frame.
+        """
+        sizes = {len(frame.data) for frame in frames}
+        if self._counter is None or not self._steady or len(sizes) != 1:
+            return None
+        block = Block([frame.data for frame in frames], sizes.pop())
+        try:
+            columns = [signal.layout.column(block) for _, signal, _ in self._channels]
+            counts = self._counter.layout.column(block)
+            ticks = None if self._clock is None else self._clock.layout.column(block)
+        except Malformed:
+            return None
+        going_on = self._arrivals.take_on(counts, ticks)
+        if going_on is None:
+            return None
+        sequences, times = going_on
+        device_times: Iterable[int | None] = times or [frame.device_time_ns for frame in frames]
+        readings: list[Reading] = []
+        for (name, _, tally), raws in zip(self._channels, columns, strict=True):
+            tally.receive_on(len(frames))
+            flags: Iterable[ReadingFlag] = repeat(ReadingFlag.NONE)
+            if self._invalid in raws:
+                flags = [_BAD if raw == self._invalid else ReadingFlag.NONE for raw in raws]
+            arrived = repeat(frames[0].time_ns)
+            readings += map(Reading, repeat(name), arrived, raws, device_times, sequences, flags)
+        self.watch.hear_on(len(frames))
+        return readings
+
+    @property
+    def _steady(self) -> bool:
+        return not self.watch.doubled and all(
+            tally.steady and not signal.multiplexed for _, signal, tally in self._channels
+        )
 
 
 def _optional(message: DbcMessage, name: str | None) -> DbcSignal | None:
@@ -239,6 +281,12 @@ class DbcEncoder:
             text = f"{self.name} has restarted by itself: its counter or clock began anew"
             self._wire.fault(frame.time_ns, self.name, FaultKind.RESTARTED, text)
         return events
+
+    def receive_on(self, frames: Sequence[Frame]) -> Sequence[Event] | None:
+        """Take more frames of one message at once. See `drivers.can_device.TakesBlocks`."""
+        if not self._started:
+            return ()
+        return self._tracks[frames[0].identifier].readings_on(frames)
 
     def serve(self, now_ns: int) -> Sequence[Event]:
         """Say once of each message that it has not come for long, or that two send it."""

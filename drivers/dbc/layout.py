@@ -12,10 +12,32 @@ Source: Vector, "DBC File Format Documentation", signal definitions.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers.errors import Malformed
+
+
+class Block:
+    """Frames of one size, each a word of 64 bits in either byte order, zeros behind its data.
+
+    Args:
+        frames: their data, of ``size`` bytes each.
+        size: at most `WORD`.
+    """
+
+    WORD: ClassVar[int] = 8
+
+    def __init__(self, frames: Sequence[bytes], size: int) -> None:
+        self.size = size
+        padded = np.zeros((len(frames), self.WORD), np.uint8)
+        padded[:, :size] = np.frombuffer(b"".join(frames), np.uint8).reshape(len(frames), size)
+        self.little: NDArray[np.uint64] = padded.view("<u8")[:, 0]
+        self.big: NDArray[np.uint64] = padded.view(">u8")[:, 0].astype(np.uint64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +69,21 @@ class SignalLayout:
         if self.signed and value >> (length - 1):
             value -= 1 << length
         return value
+
+    def column(self, block: Block) -> list[int]:
+        """`raw` of all frames of ``block`` at once; raises Malformed."""
+        values: NDArray[np.uint64 | np.int64]
+        if self.little_endian:
+            values = block.little >> np.uint64(self._shift(block.size))
+        else:
+            behind = 8 * (Block.WORD - block.size)
+            values = block.big >> np.uint64(self._shift(block.size) + behind)
+        values &= np.uint64(self._mask)
+        if self.signed:
+            unused = np.int64(64 - self.length)
+            values = (values.view(np.int64) << unused) >> unused
+        column: list[int] = values.tolist()
+        return column
 
     def put(self, value: int, data: bytes) -> bytes:
         """``data`` with the raw ``value`` in place; raises ValueError where it does not fit."""

@@ -61,6 +61,10 @@ class MessageWatch(SilenceWatch):
         self._count += 1
         return super().hear(now_ns)
 
+    def hear_on(self, count: int) -> None:
+        """It came ``count`` times more at the moment when it was last heard."""
+        self._count += count
+
     def doubles(self, now_ns: int) -> bool:
         """Whether `doubled` changes now; to be asked regularly."""
         if not self.expects or now_ns - self._window_ns < WINDOW_NS:
