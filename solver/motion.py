@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 _SHARES = np.array([0.35, 0.65])  # of the way of a move, at which it is read
 _HALF = 4  # samples on either side of an instant
 _DEGREE = 3
+_GAP = 3.5  # usual intervals between two samples: more were lost than a cubic may bridge
 _ROUGH = 3.0  # times the noise: what a cubic may leave in a smooth motion
 _LEAST_NOISE = 0.29  # counts: rounding alone
 _STILL = 20.0  # standard deviations of a sample that some channel must move between two dwells
@@ -40,6 +41,11 @@ class _Timed:
     time_s: Array
     uncertainty_s: float
     counts: Array
+
+    @property
+    def interval_s(self) -> float:
+        """Usual time between two samples [s]."""
+        return float(np.median(np.diff(self.time_s)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +107,7 @@ def _instants(timed: list[_Timed], noise: Array, begin: float, end: float) -> Ar
         return np.zeros(0)
     gone = np.concatenate([[0.0], np.cumsum(path)])
     instants = np.interp(_SHARES * gone[-1], gone, grid)
-    interval = max(float(np.median(np.diff(channel.time_s))) for channel in timed)
+    interval = max(channel.interval_s for channel in timed)
     if np.diff(instants).min() < 2 * _HALF * interval:  # they would share samples
         instants = np.interp([0.5 * gone[-1]], gone, grid)
     return np.asarray(instants, dtype=np.float64)
@@ -118,6 +124,8 @@ def _read(
         times = channel.time_s[max(part.start, 0) : part.stop] - instant
         counts = channel.counts[max(part.start, 0) : part.stop]
         if len(times) < 2 * _HALF or times[0] + instant < begin or times[-1] + instant > end:
+            return None
+        if np.diff(times).max() > _GAP * channel.interval_s:
             return None
         scale = float(np.abs(times).max())
         powers = np.vander(times / scale, _DEGREE + 1, increasing=True)
