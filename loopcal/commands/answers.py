@@ -9,6 +9,7 @@ import typer
 
 from loopcal.commands.options import RecordingArgument, SeedOption
 from loopcal.console import explained
+from loopcal.files import in_a_folder
 
 
 def solve(
@@ -35,10 +36,16 @@ def solve(
         ),
     ] = "sigma_L",
     json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON.")
+        Path | None,
+        typer.Option(
+            "--json", metavar="FILE", help="Write the result as JSON.", callback=in_a_folder
+        ),
     ] = None,
     report: Annotated[
-        Path | None, typer.Option("--report", metavar="FILE", help="Write an HTML report.")
+        Path | None,
+        typer.Option(
+            "--report", metavar="FILE", help="Write an HTML report.", callback=in_a_folder
+        ),
     ] = None,
     truth: Annotated[
         Path | None,
@@ -71,15 +78,27 @@ def apply(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording of the same rig.")],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="CSV", help="Write the poses as a table."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="CSV",
+            help="Write the poses as a table.",
+            callback=in_a_folder,
+        ),
     ] = None,
     rig_out: Annotated[
-        Path | None, typer.Option("--rig-out", metavar="RIG", help="Write the calibrated rig.")
+        Path | None,
+        typer.Option(
+            "--rig-out", metavar="RIG", help="Write the calibrated rig.", callback=in_a_folder
+        ),
     ] = None,
     corrections: Annotated[
         Path | None,
         typer.Option(
-            "--corrections", metavar="JSON", help="Write gain and offset of every channel."
+            "--corrections",
+            metavar="JSON",
+            help="Write gain and offset of every channel.",
+            callback=in_a_folder,
         ),
     ] = None,
 ) -> None:
@@ -99,20 +118,36 @@ def gap(
         ),
     ] = None,
     report: Annotated[
-        Path | None, typer.Option("--report", metavar="PAGE", help="Write an HTML report.")
+        Path | None,
+        typer.Option(
+            "--report", metavar="PAGE", help="Write an HTML report.", callback=in_a_folder
+        ),
     ] = None,
     json_file: Annotated[
         Path | None,
-        typer.Option("--json", metavar="PATH", help="Write the answer as JSON; - prints it."),
+        typer.Option(
+            "--json",
+            metavar="PATH",
+            help="Write the answer as JSON; - prints it.",
+            callback=in_a_folder,
+        ),
     ] = None,
     rig_out: Annotated[
         Path | None,
-        typer.Option("--rig-out", metavar="RIG", help="Write the rig with what is missing in it."),
+        typer.Option(
+            "--rig-out",
+            metavar="RIG",
+            help="Write the rig with what is missing in it.",
+            callback=in_a_folder,
+        ),
     ] = None,
     next_plan: Annotated[
         Path | None,
         typer.Option(
-            "--next", metavar="PLAN", help="Write a plan of the poses that tell the rivals apart."
+            "--next",
+            metavar="PLAN",
+            help="Write a plan of the poses that tell the rivals apart.",
+            callback=in_a_folder,
         ),
     ] = None,
     next_for: Annotated[

@@ -9,6 +9,7 @@ import typer
 
 from loopcal.commands.options import RigArgument
 from loopcal.console import explained, out
+from loopcal.files import in_a_folder
 
 
 def check(rig: RigArgument) -> None:
@@ -117,7 +118,10 @@ def sensitivity(
         typer.Option("--from", metavar="FILE", help="At the values of a result file or recording."),
     ] = None,
     report: Annotated[
-        Path | None, typer.Option("--report", metavar="FILE", help="Write a page with the picture.")
+        Path | None,
+        typer.Option(
+            "--report", metavar="FILE", help="Write a page with the picture.", callback=in_a_folder
+        ),
     ] = None,
 ) -> None:
     """Show how far an error of each parameter puts the endpoint or plate from where it is."""

@@ -17,6 +17,7 @@ from loopcal.commands.options import (
     ports_by_name,
 )
 from loopcal.console import explained
+from loopcal.files import in_a_folder
 
 
 def plan(
@@ -29,7 +30,13 @@ def plan(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="PLAN", help="Plan file to write, for capture."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PLAN",
+            help="Plan file to write, for capture.",
+            callback=in_a_folder,
+        ),
     ] = None,
     poses: Annotated[
         int | None,
@@ -181,7 +188,13 @@ def bench_calibrate(
     ],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="RIG", help="Write the rig with the result in it."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="RIG",
+            help="Write the rig with the result in it.",
+            callback=in_a_folder,
+        ),
     ] = None,
 ) -> None:
     """Calibrate one sensor against known displacements: gain, zero, linearity, noise."""

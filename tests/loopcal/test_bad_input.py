@@ -175,6 +175,28 @@ def test_nothing_is_overwritten(loopcal: Run, recording: Path) -> None:
     assert recording.read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    "words",
+    [("solve", "--report"), ("solve", "--json"), ("gap", "--json"), ("gap", "--next")],
+)
+def test_a_folder_that_is_not_there_is_told_before_the_work_is_done(
+    loopcal: Run,
+    recording: Path,
+    tmp_path: Path,
+    words: tuple[str, str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    verb, option = words
+
+    def work(*_: object, **__: object) -> None:
+        raise AssertionError("it has begun to work")
+
+    monkeypatch.setattr("loopcal.solving.run_solve", work)
+    monkeypatch.setattr("loopcal.gap.run_gap", work)
+    nowhere = tmp_path / "nowhere"
+    refused(loopcal(verb, recording, option, nowhere / "file"), "there is no folder", str(nowhere))
+
+
 def test_a_truth_file_that_is_none(loopcal: Run, recording: Path, tmp_path: Path) -> None:
     wrong = tmp_path / "wrong.json"
     wrong.write_text("[]")
