@@ -111,13 +111,15 @@ class Arrivals:
         return Arrival(sequence, device_ns, step, restarted)
 
     def take_on(
-        self, counters: Sequence[int], ticks: Sequence[int] | None
+        self, time_ns: int, counters: Sequence[int], ticks: Sequence[int] | None
     ) -> tuple[list[int], list[int] | None] | None:
         """More samples at the moment of the last one, if each is the next: sequences and device times.
 
-        None, and nothing is taken, where a counter does not go on by one each time, a clock goes
-        back, or there is no counter to tell.
+        None, and nothing is taken, where ``time_ns`` is another moment, a counter does not go on by
+        one each time, a clock goes back, or there is no counter to tell.
         """
+        if time_ns != self._last_ns:
+            return None
         if self._counter is None or self._counter.value is None or self._modulus < 4:
             return None
         value, count, modulus = self._counter.value, len(counters), self._modulus

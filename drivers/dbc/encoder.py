@@ -156,7 +156,7 @@ class MessageTrack:
             ticks = None if self._clock is None else self._clock.layout.column(block)
         except Malformed:
             return None
-        going_on = self._arrivals.take_on(counts, ticks)
+        going_on = self._arrivals.take_on(frames[0].time_ns, counts, ticks)
         if going_on is None:
             return None
         sequences, times = going_on

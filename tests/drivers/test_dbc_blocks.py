@@ -204,6 +204,22 @@ def test_a_message_heard_at_once_is_doubled_like_one_heard_singly() -> None:
     assert (single.doubled, together.doubled) == (True, True)
 
 
+def test_frames_behind_one_that_makes_no_sense_are_not_of_its_moment(channel) -> None:
+    """A frame that is cut short is no reading: what comes with it comes after a pause."""
+    device, sender = encoder(channel, counter="Count"), Sender(3, 0.0)
+    device.attach(Wire())
+    device.start()
+    for at in range(200):
+        device.receive(Frame(POSITION.frame_id, sender.data(), at * FULL_NS))
+    later_ns = 300 * FULL_NS
+    others = [Frame(POSITION.frame_id, sender.data(), later_ns) for _ in range(20)]
+    with pytest.raises(Malformed):
+        device.receive(Frame(POSITION.frame_id, b"", later_ns))
+    assert device.receive_on(others) is None
+    device.receive(others[0])
+    assert len(device.receive_on(others[1:])) == 2 * 19
+
+
 class Lines:
     """A serial port that gives a text in pieces."""
 

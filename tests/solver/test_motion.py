@@ -65,8 +65,6 @@ def passes_through(recording: Recording, counts: NDArray[np.float64], at_ns: int
         readings = recording.readings[channel.name]
         middle = int(np.searchsorted(readings.time_ns, at_ns))
         near = readings.raw[max(middle - 2, 0) : middle + 2]
-        if channel.modulus_counts is not None:
-            near = found + (near - found + 2**31) % 2**32 - 2**31
         noise = 6.0 * max(channel.noise, 1.0)
         if not near.min() - noise <= found <= near.max() + noise:
             return False
